@@ -1,0 +1,78 @@
+"""Data sets as declared tables of a run file: a data set lists shapes, and gives each shape its leaves.
+
+A leaf is what a stage may ask for that no stage makes: `source`, `keypoints`, `parts`. Its digest (of bytes and values,
+never of paths) is where every address begins.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from schemas.artifact import Artifact
+from schemas.params import Params
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """How to get one leaf. Small and picklable: it travels to workers; the bytes do not.
+
+    `load(files, values)` is a module-level function; `files` are read by the engine (name → bytes) on the worker.
+    The digest is the sha256 of `values` and of the files' names and bytes; paths, and `context`, never enter it.
+    """
+
+    load: Callable[[dict[str, bytes], dict[str, Any]], Artifact]
+    values: dict[str, Any] = field(default_factory=dict)
+    """JSON values."""
+    files: dict[str, Path] = field(default_factory=dict)
+    """Name under which `load` and the digest know the file → where it is."""
+    context: dict[str, Any] = field(default_factory=dict)
+    """Merged into `values` for `load` only: what should be recorded but must not change an address (a file's hash, a name)."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape of a data set. `name` is `<category>/<id>`, unique in the data set."""
+
+    id: str
+    category: str
+    leaves: dict[str, Leaf]
+    official: str | None = None
+    """The data set's own split this shape is in (train, val, test), if it has splits."""
+    error: str | None = None
+    """Why this shape cannot be used, if listing the data set already tells; it is quarantined under its name."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.category}/{self.id}"
+
+
+class Dataset(Params):
+    """Base of every `[dataset]` table. Path fields are made absolute by the run file's loader before validation."""
+
+    kind: str
+
+    @abstractmethod
+    def shapes(self) -> list[Shape]:
+        """All shapes, sorted by name; cheap: no geometry is read.
+
+        Raises FileNotFoundError or ValueError where the data set as a whole cannot be used.
+        """
+        raise NotImplementedError
+
+
+DATASETS: dict[str, type[Dataset]] = {}
+Kind = TypeVar("Kind", bound=type[Dataset])
+
+
+def dataset(kind: str) -> Callable[[Kind], Kind]:
+    """Declare a Dataset class as `[dataset] kind = "<kind>"`."""
+
+    def declare(cls: Kind) -> Kind:
+        DATASETS[kind] = cls
+        return cls
+
+    return declare

@@ -1,0 +1,104 @@
+"""Stages as plain, annotated functions. This is all of the engine that a stage may know.
+
+>>> @stage(version=1)
+... def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDistances: ...
+
+The signature is the wiring. An argument's name is the upstream stage (or a leaf of the data set: `source`, `keypoints`,
+`parts`), its annotation the schema it must have. `shot_<upstream>: list[Schema]` asks for that artifact of every shot
+of the target's draw, in the same order for all `shot_` arguments. `X | None` accepts a leaf that a shape does not have;
+without it, the stage is not planned for such a shape.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from schemas.artifact import Artifact
+from schemas.params import Params
+
+Function = TypeVar("Function", bound=Callable[..., Artifact])
+SHOT = "shot_"
+
+
+@dataclass(frozen=True)
+class Input:
+    """One argument of a stage: which upstream artifact it wants."""
+
+    name: str
+    upstream: str
+    schema: type[Artifact]
+    per_shot: bool = False
+    optional: bool = False
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What a task would like to have. Never hashed."""
+
+    gpu: Literal["no", "useful", "required"] = "no"
+    memory_gb: float = 1.0
+
+
+@dataclass(frozen=True)
+class Stage:
+    name: str
+    version: int
+    function: Callable[..., Artifact]
+    params: type[Params]
+    gives: type[Artifact]
+    inputs: tuple[Input, ...]
+    hints: Hints = field(default_factory=Hints)
+    fingerprint: Callable[[Any], Mapping[str, str]] | None = None
+    """Digests of what the params only name (encoder weights); they enter the address."""
+
+
+STAGES: dict[str, Stage] = {}
+
+
+def stage(
+    *, version: int, hints: Hints | None = None, fingerprint: Callable[[Any], Mapping[str, str]] | None = None
+) -> Callable[[Function], Function]:
+    """Declare a function as a stage. The function itself is returned unchanged: tests call it with arrays.
+
+    Raises TypeError at import where the signature is not a stage's.
+    """
+
+    def declare(function: Function) -> Function:
+        name = function.__name__
+        if name in STAGES and STAGES[name].function.__module__ != function.__module__:
+            raise TypeError(f"stage {name}: expected one declaration, got a second in {function.__module__}; rename one")
+        hints_of = get_type_hints(function)
+        gives = hints_of.pop("return", None)
+        params = hints_of.pop("params", None)
+        if not (inspect.isclass(gives) and issubclass(gives, Artifact)):
+            raise TypeError(f"stage {name}: expected a return annotation that is an Artifact, got {gives}; annotate it")
+        if not (inspect.isclass(params) and issubclass(params, Params)):
+            raise TypeError(f"stage {name}: expected an argument `params` annotated with a Params, got {params}; add one")
+        inputs = tuple(_input(name, argument, annotation) for argument, annotation in hints_of.items())
+        STAGES[name] = Stage(name, version, function, params, gives, inputs, hints or Hints(), fingerprint)
+        return function
+
+    return declare
+
+
+def load_stages() -> dict[str, Stage]:
+    """Every installed stage: import what the entry-point group `b23d.stages` names. The engine names none itself."""
+    for plugin in entry_points(group="b23d.stages"):
+        plugin.load()
+    return STAGES
+
+
+def _input(stage_name: str, argument: str, annotation: Any) -> Input:
+    per_shot = argument.startswith(SHOT)
+    optional = get_origin(annotation) in (Union, UnionType) and type(None) in get_args(annotation)
+    if per_shot and get_origin(annotation) is list or optional:
+        annotation = next(a for a in get_args(annotation) if a is not type(None))
+    if not (inspect.isclass(annotation) and issubclass(annotation, Artifact)):
+        wanted = "list[Artifact]" if per_shot else "an Artifact"
+        raise TypeError(f"stage {stage_name}: expected {argument} annotated with {wanted}, got {annotation}; annotate it")
+    return Input(argument, argument.removeprefix(SHOT), annotation, per_shot, optional)

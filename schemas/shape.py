@@ -1,0 +1,75 @@
+"""Shapes as they come (Source), as we use them (NormalizedShape), and their human annotations (Keypoints, Parts).
+
+Frames: *source frame* is the file's own, in the data set's units. *Unit frame* is the source frame moved and scaled so
+that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (source - center) / scale`.
+Up is +y in both.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from schemas.artifact import Artifact, ArraySpec
+
+
+class Source(Artifact):
+    """The bytes of one shape's files. The engine reads them, so that no stage touches a path."""
+
+    shape: str
+    """Name of the shape, for messages: `<class>/<id>`."""
+    files: dict[str, bytes] = Field(repr=False)
+    """File name (relative to the main file) → bytes; materials and textures included."""
+    mesh: str | None = None
+    """Which of `files` is the mesh or scene (ply obj off stl glb)."""
+    cloud: str | None = None
+    """Which of `files` is the point cloud (pcd ply xyz npz)."""
+
+
+class NormalizedShape(Artifact):
+    """One shape in the unit frame: the surface to render, and the candidate points that features and keypoints live on."""
+
+    kind: Literal["mesh", "cloud"]
+    vertices: Annotated[np.ndarray, ArraySpec("v 3", "float32", unit="unit frame")]
+    """All vertices (or cloud points) of the file in the file's order; those no face uses stay, at a finite place."""
+    faces: Annotated[np.ndarray, ArraySpec("f 3", "int32")]
+    """Clean faces: no degenerate, duplicate or non-finite ones. Empty for a cloud."""
+    vertex_colors: Annotated[np.ndarray, ArraySpec("v 3", "uint8")] | None = None
+    face_uvs: Annotated[np.ndarray, ArraySpec("f 3 2", "float32", unit="texture, origin at the lower left")] | None = None
+    texture: Annotated[np.ndarray, ArraySpec("h w 3", "uint8")] | None = None
+    points: Annotated[np.ndarray, ArraySpec("n 3", "float32", unit="unit frame")]
+    """Candidates: the data set's cloud in its own order, or farthest-point samples of the surface."""
+    point_faces: Annotated[np.ndarray, ArraySpec("n", "int32")]
+    """Face (an index into `faces`) each candidate lies on or is nearest to; -1 for a cloud without a mesh."""
+    point_barycentrics: Annotated[np.ndarray, ArraySpec("n 3", "float32")]
+    candidates: Literal["cloud", "fps"]
+    center: tuple[float, float, float]
+    scale: float
+    repairs: dict[str, int]
+    """How many of each were handled: unreferenced_vertices, degenerate_faces, duplicate_faces, non_finite_vertices, …"""
+
+
+class Keypoints(Artifact):
+    """Human keypoints of one shape, in KeypointNet's sense."""
+
+    ids: Annotated[np.ndarray, ArraySpec("k", "int32")]
+    """Semantic id of each keypoint; unique within a shape."""
+    positions: Annotated[np.ndarray, ArraySpec("k 3", "float64", unit="source frame")]
+    point_indices: Annotated[np.ndarray, ArraySpec("k", "int32")]
+    """Index into the data set's cloud (`pcd_info.point_index`), or -1 where the annotation has none."""
+    reflections: list[tuple[int, ...]] = []
+    """Ids that a mirror symmetry of the shape exchanges (`symmetries.reflection[].kp_indexes`)."""
+    rotations: list[tuple[int, ...]] = []
+    """Ids that a rotational symmetry of the shape exchanges."""
+    annotation_file: str = ""
+    """sha256 of the file the annotation came from; recorded with scores, not part of any address."""
+
+
+class Parts(Artifact):
+    """Human (or exact, procedural) part labels of one shape, at points of its surface."""
+
+    points: Annotated[np.ndarray, ArraySpec("p 3", "float64", unit="source frame")]
+    labels: Annotated[np.ndarray, ArraySpec("p", "int32")]
+    names: list[str] = []
