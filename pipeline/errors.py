@@ -1,0 +1,23 @@
+"""Exceptions of the engine. Each keeps the built-in type it means; `B23dError` catches them all."""
+
+from __future__ import annotations
+
+
+class B23dError(Exception):
+    """Base of the engine's own errors."""
+
+
+class RunFileError(B23dError, ValueError):
+    """A run file, or an override, that does not say what it should."""
+
+
+class ArtifactNotFoundError(B23dError, FileNotFoundError):
+    """An artifact that is not in the store."""
+
+
+class CorruptArtifactError(B23dError, OSError):
+    """An artifact in the store whose bytes are not those that were written."""
+
+
+class ResourceError(B23dError, RuntimeError):
+    """A stage needs what no worker has."""

@@ -1,0 +1,63 @@
+"""RunFile: what a run is. TOML, closed; every table is checked in full before anything runs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from schemas.params import Params
+
+
+class Shots(Params):
+    """Which annotated shapes are the few shots. A draw takes, per class, the `count` shapes that rank first under
+    sha256(draw, shape); so a new shape changes a draw only if it is drawn itself."""
+
+    count: int = Field(3, ge=1)
+    draws: list[int] = [0, 1, 2, 3, 4]
+    """One seeded draw of shots each; scores give mean and sd over draws."""
+    ids: dict[str, list[str]] = {}
+    """Class → ids of its shots, instead of drawing: for people who annotated a few shapes themselves."""
+    split: Literal["all-but-shots", "official"] = "all-but-shots"
+    """Targets: every shape that is not a shot of the draw, or the data set's own test split (shots then come from train)."""
+
+
+class StoreOptions(Params):
+    root: str = "runs/.store"
+    """Folder (relative to the current folder) or fsspec URL."""
+    transient: list[str] = []
+    """Stages that are never stored; their consumers run them inline."""
+
+
+class Resources(Params):
+    """What one task of a stage occupies; dask resources on workers that declare them."""
+
+    gpu: float = 0
+
+
+class Execution(Params):
+    """How to run. Never enters an address."""
+
+    workers: int | None = Field(None, ge=0)
+    """Worker processes; 0 runs everything in this process; None: one a core (and one a GPU)."""
+    scheduler: str | None = None
+    """Address of an existing dask cluster."""
+    memory_gb: float = Field(4.0, gt=0)
+    """Memory limit of a worker process."""
+    resources: dict[str, Resources] = {}
+    """Stage → resources it must have, over the stage's own hints."""
+
+
+class RunFile(Params):
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    dataset: dict[str, Any]
+    """`kind` and that data set's own fields."""
+    shots: Shots = Shots()
+    stages: dict[str, dict[str, Any]] = {}
+    """Stage → its Params; what is absent takes its default."""
+    feeds: dict[str, str] = {}
+    """Argument → the stage that feeds it instead of its namesake: `backproject = "describe"`, `optimize = "detect"`."""
+    outputs: list[str] = ["optimize", "score"]
+    """Stages wanted for every shape; what they need comes along."""
+    store: StoreOptions = StoreOptions()
+    execution: Execution = Execution()
