@@ -96,7 +96,7 @@ def load_stages() -> dict[str, Stage]:
 def _input(stage_name: str, argument: str, annotation: Any) -> Input:
     per_shot = argument.startswith(SHOT)
     optional = get_origin(annotation) in (Union, UnionType) and type(None) in get_args(annotation)
-    if per_shot and get_origin(annotation) is list or optional:
+    if (per_shot and get_origin(annotation) is list) or optional:
         annotation = next(a for a in get_args(annotation) if a is not type(None))
     if not (inspect.isclass(annotation) and issubclass(annotation, Artifact)):
         wanted = "list[Artifact]" if per_shot else "an Artifact"

@@ -86,15 +86,12 @@ class Store:
         """Addresses of all complete artifacts of a stage."""
         if self.local:
             return set(_scan(Path(self.root) / stage))
-        heads = self.fs.glob(f"{self.root}/{stage}/*/*/{HEAD}")
-        return {"".join(str(head).split("/")[-3:-1]) for head in heads}
+        entries = [(fan, rest) for fan in self._names(stage) for rest in self._names(f"{stage}/{fan}")]
+        return {fan + rest for fan, rest in entries if self.fs.exists(f"{self.root}/{stage}/{fan}/{rest}/{HEAD}")}
 
     def stages(self) -> list[str]:
         """Stages that have artifacts."""
-        if not self.fs.isdir(self.root):
-            return []
-        names = [str(path).rstrip("/").rsplit("/", 1)[-1] for path in self.fs.ls(self.root, detail=False)]
-        return sorted(name for name in names if not name.startswith(".") and self.fs.isdir(f"{self.root}/{name}"))
+        return sorted(name for name in self._names("") if not name.startswith(".") and self.fs.isdir(f"{self.root}/{name}"))
 
     def has(self, stage: str, address: str) -> bool:
         return bool(self.fs.exists(f"{self.path(stage, address)}/{HEAD}"))
@@ -143,7 +140,8 @@ class Store:
 
         try:
             head = self.head(stage, address)
-            group = zarr.open_group(self.path(stage, address) if self.local else self.fs.unstrip_protocol(self.path(stage, address)), mode="r")
+            path = self.path(stage, address)
+            group: Any = zarr.open_group(path if self.local else self.fs.unstrip_protocol(path), mode="r")
         except (OSError, ValueError) as error:
             return [str(error)]
         lines = []
@@ -170,6 +168,13 @@ class Store:
             for path in Path(self.root, WRITING).glob("*"):
                 if time.time() - path.stat().st_mtime > older_than:
                     shutil.rmtree(path, ignore_errors=True)
+
+    def _names(self, folder: str) -> list[str]:
+        path = f"{self.root}/{folder}".rstrip("/")
+        try:
+            return [str(child).rstrip("/").rsplit("/", 1)[-1] for child in self.fs.ls(path, detail=False)]
+        except FileNotFoundError:
+            return []
 
     def _publish_local(self, final: Path, files: dict[str, bytes], head: bytes) -> None:
         aside = Path(self.root, WRITING, uuid.uuid4().hex)
@@ -204,7 +209,7 @@ class Store:
 def _encode(artifact: Artifact, provenance: dict[str, Any]) -> tuple[dict[str, bytes], bytes]:
     files, arrays, metadata = {}, {}, {}
     specs = artifact.array_specs()
-    for name, value in artifact.arrays().items():
+    for name, value in artifact.present_arrays().items():
         value = np.ascontiguousarray(value)
         sharded = specs[name].sharded and value.size > 0
         data = encode(value, sharded)
@@ -214,12 +219,12 @@ def _encode(artifact: Artifact, provenance: dict[str, Any]) -> tuple[dict[str, b
         arrays[name] = {
             "shape": value.shape, "dtype": value.dtype.name, "sharded": sharded, "sha256": _digest(value), "stored_bytes": len(data),
         }
-    attributes = {"schema": type(artifact).__name__, "values": artifact.values(), "arrays": arrays, "provenance": provenance}
+    attributes = {"schema": type(artifact).__name__, "values": artifact.plain_fields(), "arrays": arrays, "provenance": provenance}
     return files, json.dumps(group_metadata(attributes, metadata)).encode()
 
 
 def _digest(array: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(array).reshape(-1).view(np.uint8)).hexdigest()
+    return hashlib.sha256(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data).hexdigest()
 
 
 def _scan(stage: Path) -> Iterator[str]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Self, get_args
+from typing import Any, Self, cast, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, PrivateAttr, model_validator
@@ -61,13 +61,13 @@ class Artifact(BaseModel):
         for name in arrays:
             artifact.__dict__.pop(name, None)
         artifact._read = read
-        return artifact
+        return cast(Self, artifact)
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def present_arrays(self) -> dict[str, np.ndarray]:
         """Every array that is present, read if need be."""
         return {name: value for name in self.array_specs() if (value := getattr(self, name)) is not None}
 
-    def values(self) -> dict[str, Any]:
+    def plain_fields(self) -> dict[str, Any]:
         """Every field that is not an array, as JSON values."""
         return self.model_dump(mode="json", exclude=set(self.array_specs()))
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
-from schemas.artifact import Artifact, ArraySpec
+from schemas.artifact import ArraySpec, Artifact
 
 
 class PointFeatures(Artifact):

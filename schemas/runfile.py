@@ -50,6 +50,8 @@ class Execution(Params):
 
 class RunFile(Params):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    base: str | None = None
+    """Another run file, relative to this one, whose tables this one extends and overrides."""
     dataset: dict[str, Any]
     """`kind` and that data set's own fields."""
     shots: Shots = Shots()
@@ -57,7 +59,7 @@ class RunFile(Params):
     """Stage → its Params; what is absent takes its default."""
     feeds: dict[str, str] = {}
     """Argument → the stage that feeds it instead of its namesake: `backproject = "describe"`, `optimize = "detect"`."""
-    outputs: list[str] = ["optimize", "score"]
+    outputs: list[str] = ["reweight", "optimize", "score"]
     """Stages wanted for every shape; what they need comes along."""
     store: StoreOptions = StoreOptions()
     execution: Execution = Execution()

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from schemas.artifact import Artifact, ArraySpec
+from schemas.artifact import ArraySpec, Artifact
 
 
 class Source(Artifact):

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from schemas.artifact import Artifact, ArraySpec
+from schemas.artifact import ArraySpec, Artifact
 
 
 class Views(Artifact):

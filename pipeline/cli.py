@@ -1,0 +1,141 @@
+"""The command line. Verbs that know 3D (scores, report, …) are plugged in by the entry-point group `b23d.commands`."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.errors import B23dError
+
+app = typer.Typer(name="b23d", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich",
+                  help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.")
+console = Console()
+
+RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)]
+Set = Annotated[list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")]
+StoreUrl = Annotated[str | None, typer.Option("--store", metavar="PATH|URL", help="Another store than the run file's.")]
+Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")]
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable.")]
+Draw = Annotated[int | None, typer.Option("--draw", help="Which draw of shots; default: the first that has it.")]
+
+
+@app.callback()
+def options(debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False) -> None:
+    global _debug
+    _debug = debug
+
+
+_debug = False
+
+
+@app.command()
+def run(
+    run: RunPath,
+    set: Set = [],  # noqa: B006 — typer copies it
+    workers: Annotated[int | None, typer.Option(min=0, help="Worker processes; 0: run in this process. Default: one a core.")] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="URL", help="An existing dask cluster, tcp://…")] = None,
+    store: StoreUrl = None,
+    limit: Limit = None,
+) -> None:
+    """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
+    from pipeline.progress import RunProgress, stage_table
+    from pipeline.run import Run
+
+    loaded = Run.load(run, set, store)
+    with RunProgress(console) as progress:
+        report = loaded.execute(workers, scheduler, limit, progress.watch, progress.start)
+    if report.done:
+        console.print(stage_table(report))
+    else:
+        console.print(f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False)
+    for hook in entry_points(group="b23d.after_run"):
+        hook.load()(loaded, report, console)
+    if not report.ok:
+        counts = f"[red]{len(report.failures)} failed, {report.blocked} blocked behind them[/]"
+        console.print(f"{counts}; the rest is done. The next run retries only these:", highlight=False)
+        for failure in report.failures:
+            console.print(f"  [red]✗[/] {failure.stage}: {escape(failure.error)}", highlight=False, soft_wrap=True)
+            if _debug and failure.traceback:
+                console.print(escape(failure.traceback), highlight=False)
+        raise typer.Exit(1)
+    console.print(f"[dim]{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}[/]", highlight=False)
+
+
+@app.command()
+def plan(
+    run: RunPath, set: Set = [], store: StoreUrl = None, limit: Limit = None, as_json: Json = False,  # noqa: B006
+    exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
+) -> None:
+    """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
+    from pipeline.projection import project
+    from pipeline.run import Run
+
+    loaded = Run.load(run, set, store)
+    stages = project(loaded, limit)
+    if as_json:
+        print(json.dumps({"stages": stages}, indent=1))
+    else:
+        table = Table(title=f"plan of {loaded.name}", title_justify="left")
+        for column in ("stage", "RUN", "CACHED", "BLOCKED", "MB", "CPU s"):
+            table.add_column(column, justify="left" if column == "stage" else "right")
+        for stage, row in stages.items():
+            name = f"{stage} [dim](transient)[/]" if row["transient"] else stage
+            counts = [str(row[key]) if row[key] else "·" for key in ("run", "cached", "blocked")]
+            table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
+        console.print(table)
+        console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
+    if exit_code and any(row["run"] or row["blocked"] for row in stages.values()):
+        raise typer.Exit(1)
+
+
+@app.command()
+def show(
+    run: RunPath, shape: str, stage: str, set: Set = [], store: StoreUrl = None, draw: Draw = None,  # noqa: B006
+    export: Annotated[Path | None, typer.Option(help="Write it: .npz, .ply, .glb, .png (what the artifact allows).")] = None,
+) -> None:
+    """What an artifact holds: arrays, ranges, provenance."""
+    from pipeline.inspection import artifact_tables, export_artifact
+    from pipeline.run import Run
+
+    loaded = Run.load(run, set, store)
+    if export is not None:
+        export_artifact(loaded, shape, stage, draw, export)
+        console.print(f"wrote {export} ({export.stat().st_size / 1e6:.2f} MB)", highlight=False)
+    else:
+        for part in artifact_tables(loaded, shape, stage, draw):
+            console.print(part)
+
+
+def _round(value: float | None, unit: float) -> str:
+    return "?" if value is None else f"{value / unit:,.1f}" if value else "·"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of `b23d`: plugged-in commands are added, errors are printed as one line, without a traceback."""
+    for plugin in sorted(entry_points(group="b23d.commands"), key=lambda p: p.name):
+        app.command(plugin.name)(plugin.load())
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    try:
+        app(args=arguments)
+    except KeyboardInterrupt:
+        Console(stderr=True).print("interrupted; what was finished is stored, run again to go on")
+        sys.exit(130)
+    except (B23dError, OSError, ValueError, KeyError, RuntimeError) as error:
+        if _debug:
+            raise
+        message: Any = error.args[0] if isinstance(error, KeyError) and error.args else error
+        Console(stderr=True).print(f"[red]error:[/] {escape(str(message))}", highlight=False, soft_wrap=True)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

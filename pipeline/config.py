@@ -1,0 +1,225 @@
+"""From a run file and overrides to checked params: closed schemas, dotted overrides, paths made absolute."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from pipeline.dataset import DATASETS, Dataset
+from pipeline.errors import RunFileError
+from pipeline.stage import Stage, load_stages
+from schemas.params import Params
+from schemas.runfile import RunFile
+
+P = TypeVar("P", bound=Params)
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything a run file says, checked."""
+
+    path: Path
+    overrides: tuple[str, ...]
+    file: RunFile
+    dataset: Dataset
+    stages: dict[str, Stage]
+    """The stages the run's outputs need, in dataflow order."""
+    params: dict[str, Params]
+
+
+def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
+    """Read `path` (TOML), apply `a.b=value` overrides, check every table.
+
+    Raises FileNotFoundError, or RunFileError naming the key, what was expected and what to do.
+    """
+    path, overrides = Path(path), tuple(overrides)
+    tables = _read(path)
+    for text in overrides:
+        _put(tables, *_override(text))
+    installed = load_stages()
+    file = _validate(RunFile, tables, f"run file {path}")
+    dataset = _dataset(file, path)
+    stages = _needed(file, installed)
+    for name in file.stages:
+        if name not in installed:
+            raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {_suggest(name, installed)}")
+    params = {name: _params(installed[name], file, path) for name in stages}
+    for name in file.stages.keys() - stages.keys():   # unused tables are checked as well
+        _params(installed[name], file, path)
+    for name in file.store.transient:
+        if name not in installed:
+            raise RunFileError(f"run file {path}: expected store.transient to name stages, got {name!r}; {_suggest(name, installed)}")
+    return Config(path, overrides, file, dataset, stages, params)
+
+
+def feeding(file: RunFile, upstream: str) -> str:
+    """The stage that feeds arguments called `upstream`, by the run's `[feeds]`."""
+    return file.feeds.get(upstream, upstream)
+
+
+def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    if path.resolve() in seen:
+        raise RunFileError(f"run file {path}: expected `base` to end somewhere, got a circle; remove one `base`")
+    try:
+        tables = tomllib.loads(path.read_text())
+    except FileNotFoundError as error:
+        reason = f"run file: expected a TOML file, got nothing at {path}; give the path of one, e.g. runs/demo.toml"
+        raise FileNotFoundError(reason) from error
+    except tomllib.TOMLDecodeError as error:
+        raise RunFileError(f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names") from error
+    for table in [tables.get("dataset"), *_tables(tables.get("stages"))]:
+        if isinstance(table, dict):
+            table.update({key: _Anchored(value, path.parent) for key, value in table.items() if isinstance(value, str)})
+    base = tables.pop("base", None)
+    if base is None:
+        return tables
+    merged = _read(path.parent / base, (*seen, path.resolve()))
+    dataset = tables.get("dataset")
+    if isinstance(dataset, dict) and dataset.get("kind") not in (None, merged.get("dataset", {}).get("kind")):
+        merged.pop("dataset")   # another kind of data set shares no fields with the base's
+    _merge(merged, tables)
+    return merged
+
+
+class _Anchored(str):
+    """A string of a run file that is relative to `folder`, should its field turn out to be a path."""
+
+    folder: Path
+
+    def __new__(cls, text: str, folder: Path) -> _Anchored:
+        self = super().__new__(cls, text)
+        self.folder = folder
+        return self
+
+
+def _tables(table: Any) -> list[Any]:
+    return list(table.values()) if isinstance(table, dict) else []
+
+
+def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
+    for key, value in tables.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value
+
+
+def _override(text: str) -> tuple[list[str], Any]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise RunFileError(f"--set: expected a.b=value, got {text!r}; for example --set stages.optimize.alpha=2")
+    return name.strip().split("."), _value(value.strip())
+
+
+def _value(text: str) -> Any:
+    """TOML's value if it is one (2, 0.5, true, "x", ["a", "b"]), JSON's if it is one, else the text itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        pass
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _put(tables: dict[str, Any], keys: list[str], value: Any) -> None:
+    for key in keys[:-1]:
+        inner = tables.setdefault(key, {})
+        if not isinstance(inner, dict):
+            raise RunFileError(f"--set {'.'.join(keys)}: expected {key} to be a table, got {inner!r}; check the name")
+        tables = inner
+    tables[keys[-1]] = value
+
+
+def _dataset(file: RunFile, path: Path) -> Dataset:
+    kind = file.dataset.get("kind")
+    if kind not in DATASETS:
+        known = ", ".join(sorted(DATASETS))
+        raise RunFileError(f"run file {path}: expected dataset.kind to be one of {known}, got {kind!r}; {_suggest(str(kind), DATASETS)}")
+    return _validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset), f"run file {path}: [dataset]")
+
+
+def _params(stage: Stage, file: RunFile, path: Path) -> Params:
+    table = _absolute(stage.params, file.stages.get(stage.name, {}))
+    return _validate(stage.params, table, f"run file {path}: [stages.{stage.name}]")
+
+
+def _absolute(model: type[Params], table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table with its Path fields absolute: relative to the file they stand in, or to the current folder if overridden."""
+
+    def resolve(key: str, value: Any) -> Any:
+        field = model.model_fields.get(key)
+        if field is None or Path not in (field.annotation, *get_args(field.annotation)) or not isinstance(value, str):
+            return str(value) if isinstance(value, _Anchored) else value
+        folder = value.folder if isinstance(value, _Anchored) else Path.cwd()
+        return (folder / Path(value).expanduser()).resolve()
+
+    return {key: resolve(key, value) for key, value in table.items()}
+
+
+def _validate(model: type[P], table: Mapping[str, Any], where: str) -> P:
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        raise RunFileError("\n".join(_line(model, problem, where) for problem in error.errors())) from error
+
+
+def _line(model: type[BaseModel], problem: Any, where: str) -> str:
+    key = ".".join(map(str, problem["loc"]))
+    if problem["type"] == "extra_forbidden":
+        return f"{where}: expected a known key, got {key!r}; {_suggest(str(problem['loc'][-1]), _fields_at(model, problem['loc'][:-1]))}"
+    if problem["type"] == "missing":
+        return f"{where}: expected {key!r}, got nothing; add it"
+    return f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}, got {problem['input']!r}; mend the value"
+
+
+def _fields_at(model: type[BaseModel], location: tuple[Any, ...]) -> Iterable[str]:
+    for key in location:
+        field = model.model_fields.get(str(key))
+        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+            return []
+        model = field.annotation
+    return model.model_fields
+
+
+def _suggest(name: str, known: Iterable[str]) -> str:
+    known = sorted(known)
+    close = difflib.get_close_matches(name, known, 1)
+    return f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known) or 'none here'}"
+
+
+def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
+    """Stages the outputs need, upstream first; leaves (what no stage makes) are left out."""
+    order: dict[str, Stage] = {}
+
+    def visit(name: str, trail: tuple[str, ...]) -> None:
+        if name in order:
+            return
+        if name in trail:
+            raise RunFileError(f"feeds: expected a flow without circles, got {' → '.join([*trail, name])}; change [feeds]")
+        for item in installed[name].inputs:
+            source = feeding(file, item.upstream)
+            if source not in installed:
+                if item.upstream in file.feeds:
+                    raise RunFileError(f"feeds.{item.upstream}: expected a stage, got {source!r}; {_suggest(source, installed)}")
+                continue
+            if not issubclass(installed[source].gives, item.schema):
+                wanted, got = item.schema.__name__, installed[source].gives.__name__
+                raise RunFileError(f"stage {name}: expected {item.name} to be {wanted}, got {got} from {source}; change [feeds]")
+            visit(source, (*trail, name))
+        order[name] = installed[name]
+
+    for output in file.outputs:
+        source = feeding(file, output)
+        if source not in installed:
+            raise RunFileError(f"outputs: expected a stage, got {source!r}; {_suggest(source, installed)}")
+        visit(source, ())
+    return order

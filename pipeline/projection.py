@@ -1,0 +1,33 @@
+"""What a plan would cost, from the measured history of the store."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pipeline.plan import State
+from pipeline.run import Run
+
+
+def project(run: Run, limit: int | None = None) -> dict[str, dict[str, Any]]:
+    """Per stage: run, cached and blocked counts, and the bytes and CPU seconds that running would take.
+
+    bytes and seconds are None where something is to run and the stage has never run in this store. Transient stages count
+    as run when a task to run computes them; they store nothing, and their seconds are part of their consumers'.
+    """
+    plan = run.plan(limit)
+    counts, inlined, costs = plan.count(), plan.inlined(), run.index.costs()
+    rows = {}
+    for stage in plan.stages:
+        transient = stage in run.config.file.store.transient
+        count = inlined[stage] if transient else counts[stage][State.RUN]
+        cost = costs.get(stage)
+        known = count == 0 or transient
+        rows[stage] = {
+            "run": count,
+            "cached": counts[stage][State.CACHED],
+            "blocked": counts[stage][State.BLOCKED],
+            "bytes": 0 if known else round(count * cost.bytes) if cost else None,
+            "seconds": 0.0 if known else round(count * cost.seconds, 2) if cost else None,
+            "transient": transient,
+        }
+    return rows
