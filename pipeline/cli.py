@@ -115,6 +115,74 @@ def show(
             console.print(part)
 
 
+@app.command()
+def explain(
+    run: RunPath, shape: str, stage: str, set: Set = [], store: StoreUrl = None, draw: Draw = None,  # noqa: B006
+    against: Annotated[Path | None, typer.Option(metavar="RUN2", help="Compare with this run, not the nearest artifact.")] = None,
+) -> None:
+    """What an artifact's address is made of, and the first field that differs from the nearest stored one."""
+    from pipeline.explain import explain as explain_node
+    from pipeline.run import Run
+
+    loaded = Run.load(run, set, store)
+    told = explain_node(loaded, shape, stage, draw, Run.load(against, (), store) if against else None)
+    title = f"{told.stage} of {told.shape}: {told.state.upper()}, address {told.address[:16]}"
+    table = Table("part", "value", title=title, title_justify="left")
+    for part in told.parts:
+        table.add_row(part.name, escape(part.value))
+    console.print(table)
+    where = f"run {against}" if against else "the nearest stored artifact"
+    if told.nearest is None:
+        console.print(f"{told.stage} has made nothing of {told.shape} in this store yet")
+    elif told.nearest == told.address:
+        console.print(f"the same as in {where}" if against else "stored under this very address")
+    else:
+        console.print(f"differs from {where} ({told.nearest[:16]}) first in:", highlight=False)
+        for difference in told.differences:
+            console.print(f"  [bold]{escape(str(difference))}[/]", highlight=False)
+
+
+@app.command()
+def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:  # noqa: B006
+    """Check every digest. Damaged artifacts are named with their shapes and removed, so that the next run makes them again."""
+    from pipeline.run import Run
+    from pipeline.upkeep import verify as find_damage
+
+    loaded, count = Run.load(run, set, store), 0
+    with console.status("checking") as status:
+        for damage in find_damage(loaded, lambda done, total: status.update(f"checking {done}/{total}")):
+            count += 1
+            console.print(f"[red]✗[/] {damage.stage} of {', '.join(damage.shapes)}: {escape('; '.join(damage.problems))}", highlight=False)
+    if count:
+        console.print(f"{count} damaged artifacts removed; `b23d run {run}` makes them again", highlight=False)
+        raise typer.Exit(1)
+    console.print("every artifact is what was written")
+
+
+@app.command()
+def gc(
+    runs: Annotated[list[Path] | None, typer.Argument(metavar="[RUN]…", help="Run files that count besides those the store knows.")] = None,
+    store: Annotated[str, typer.Option("--store", metavar="PATH|URL")] = "runs/.store",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
+) -> None:
+    """Drop what no run file reaches, largest first. Run files that have used the store, and runs/*.toml, count."""
+    from pipeline.index import Index
+    from pipeline.store import Store
+    from pipeline.upkeep import garbage, reached
+
+    opened = Store(store)
+    known = Index(Path(opened.root) / "index.sqlite").run_files() if opened.local and Path(opened.root).is_dir() else []
+    files = {path.resolve() for path in [*known, *(runs or []), *Path("runs").glob("*.toml")]}
+    lost = garbage(opened, reached(sorted(files), opened))
+    for item in lost:
+        console.print(f"{item.stored_bytes / 1e6:10.2f} MB  {item.stage} {item.address[:16]}", highlight=False)
+        if not dry_run:
+            opened.delete(item.stage, item.address)
+    total = sum(item.stored_bytes for item in lost) / 1e6
+    verb = "would drop" if dry_run else "dropped"
+    console.print(f"{verb} {len(lost)} artifacts, {total:.1f} MB; {len(files)} run files count", highlight=False)
+
+
 def _round(value: float | None, unit: float) -> str:
     return "?" if value is None else f"{value / unit:,.1f}" if value else "·"
 

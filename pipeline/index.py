@@ -14,7 +14,11 @@ from pathlib import Path
 
 TABLES = """
 create table if not exists file_digest (path text primary key, size integer, mtime integer, digest text);
-create table if not exists history (stage text, address text, seconds real, bytes integer, peak_mb real, primary key (stage, address));
+create table if not exists history (
+    stage text, address text, shape text, seconds real, bytes integer, peak_mb real, primary key (stage, address)
+);
+create index if not exists history_shape on history (stage, shape);
+create table if not exists run_file (path text primary key);
 create table if not exists quarantine (address text primary key, stage text, shape text, error text, permanent integer);
 """
 
@@ -79,10 +83,11 @@ class Index:
             self._db.executemany("insert or replace into file_digest values (?, ?, ?, ?)", rows)
         self._new.clear()
 
-    def record(self, stage: str, address: str, seconds: float, size: int, peak_mb: float) -> None:
+    def record(self, stage: str, address: str, shape: str, seconds: float, size: int, peak_mb: float) -> None:
         """A task has succeeded: remember its cost, forget its failure."""
         with self._db:
-            self._db.execute("insert or replace into history values (?, ?, ?, ?, ?)", (stage, address, seconds, size, peak_mb))
+            row = (stage, address, shape, seconds, size, peak_mb)
+            self._db.execute("insert or replace into history values (?, ?, ?, ?, ?, ?)", row)
             self._db.execute("delete from quarantine where address = ?", (address,))
 
     def quarantine(self, failure: Failure) -> None:
@@ -105,6 +110,22 @@ class Index:
         query = "select address, seconds, bytes, peak_mb from history where stage = ?"
         with closing(self._db.execute(query, (stage,))) as rows:
             return list(rows)
+
+    def made(self, stage: str, shape: str) -> list[str]:
+        """Addresses of what a stage has ever made of a shape, latest last."""
+        query = "select address from history where stage = ? and shape = ? order by rowid"
+        with closing(self._db.execute(query, (stage, shape))) as rows:
+            return [address for (address,) in rows]
+
+    def note_run_file(self, path: Path) -> None:
+        """A run file that has used this store: `gc` keeps what it reaches."""
+        with self._db:
+            self._db.execute("insert or ignore into run_file values (?)", (str(path.resolve()),))
+
+    def run_files(self) -> list[Path]:
+        """Run files that have used this store and still exist."""
+        with closing(self._db.execute("select path from run_file order by path")) as rows:
+            return [path for (text,) in rows if (path := Path(text)).exists()]
 
     def forget(self, addresses: Iterable[str]) -> None:
         with self._db:

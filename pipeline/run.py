@@ -168,7 +168,7 @@ class Run:
 
         for outcome in executor.run(next_task):
             if outcome.failure is None:
-                self.index.record(outcome.stage, outcome.address, outcome.seconds, outcome.stored_bytes, outcome.peak_mb)
+                self.index.record(outcome.stage, outcome.address, outcome.shape, outcome.seconds, outcome.stored_bytes, outcome.peak_mb)
                 frontier.done(outcome.stage, outcome.address)
                 report.done.append(outcome)
             else:
@@ -182,6 +182,7 @@ class Run:
     def _save(self, plan: Plan, report: Report) -> None:
         """`manifest.json` in the run's folder: what this run is, what it reaches, what failed."""
         self.folder.mkdir(parents=True, exist_ok=True)
+        self.index.note_run_file(self.config.path)
         manifest = {
             "run": self.name,
             "file": self.config.file.model_dump(mode="json"),

@@ -10,6 +10,7 @@ import subprocess
 import time
 import traceback
 from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -36,6 +37,14 @@ class Stored:
 
 
 @dataclass(frozen=True)
+class Loaded:
+    """An input that the data set gives."""
+
+    leaf: Leaf
+    address: str
+
+
+@dataclass(frozen=True)
 class Task:
     """Make one artifact. `inputs`: where each argument comes from; a nested Task is a transient stage, run inline."""
 
@@ -45,13 +54,20 @@ class Task:
     category: str
     draws: tuple[int, ...]
     params: Params
-    inputs: dict[str, Stored | Leaf | Task | list[Stored | Leaf | Task] | None]
+    inputs: dict[str, Stored | Loaded | Task | list[Stored | Loaded | Task]]
     store: str
 
-    def input_addresses(self) -> dict[str, Any]:
-        """Argument → address, for the provenance; leaves are left out."""
-        known = {k: [i.address for i in v if not isinstance(i, Leaf)] if isinstance(v, list) else v for k, v in self.inputs.items()}
-        return {k: v if isinstance(v, list) else v.address for k, v in known.items() if isinstance(v, list | Stored | Task)}
+    def input_addresses(self) -> dict[str, str | list[str]]:
+        """Argument → address, as it entered this task's address."""
+        return {name: [i.address for i in item] if isinstance(item, list) else item.address for name, item in self.inputs.items()}
+
+    def nested(self) -> Iterator[Task]:
+        """The transient tasks that run inside this one."""
+        for item in self.inputs.values():
+            for inner in item if isinstance(item, list) else [item]:
+                if isinstance(inner, Task):
+                    yield inner
+                    yield from inner.nested()
 
 
 @dataclass(frozen=True)
@@ -71,19 +87,19 @@ class Outcome:
 def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
     """The task that makes a node; its transient ancestors are nested."""
 
-    def source(item: Node | LeafNode, keep: bool) -> Stored | Leaf | Task:
+    def source(item: Node | LeafNode, keep: bool) -> Stored | Loaded | Task:
         if isinstance(item, LeafNode):
-            return item.leaf
+            return Loaded(item.leaf, item.address)
         if item.state is State.TRANSIENT:
             return make_task(item, params, store)
         return Stored(item.stage, item.address, keep)
 
-    inputs: dict[str, Stored | Leaf | Task | list[Stored | Leaf | Task] | None] = {}
+    inputs: dict[str, Stored | Loaded | Task | list[Stored | Loaded | Task]] = {}
     for argument, value in node.inputs.items():
         if isinstance(value, list):
             inputs[argument] = [source(item, keep=True) for item in value]
-        else:
-            inputs[argument] = None if value is None else source(value, keep=False)
+        elif value is not None:
+            inputs[argument] = source(value, keep=False)
     draws = tuple(node.draws)
     return Task(node.stage, node.address, node.shape, node.category, draws, params[node.stage], inputs, store)
 
@@ -121,19 +137,20 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
     """Run the stage's function on its inputs. `made` holds what ran inline for this task, so that nothing runs twice."""
     stage = _stages()[task.stage]
 
-    def load(name: str, item: Stored | Leaf | Task) -> Artifact:
+    def load(name: str, item: Stored | Loaded | Task) -> Artifact:
         if isinstance(item, Stored):
             schema = next(i.schema for i in stage.inputs if i.name == name)
             return _read(store, item, schema)
-        if isinstance(item, Leaf):
-            return item.load({file: path.read_bytes() for file, path in item.files.items()}, {**item.values, **item.context})
+        if isinstance(item, Loaded):
+            leaf = item.leaf
+            return leaf.load({file: path.read_bytes() for file, path in leaf.files.items()}, {**leaf.values, **leaf.context})
         if item.address not in made:
             made[item.address] = _compute(item, store, clock, made)
         return made[item.address]
 
-    arguments: dict[str, Any] = {}
+    arguments: dict[str, Any] = {item.name: None for item in stage.inputs}
     for name, value in task.inputs.items():
-        arguments[name] = [load(name, item) for item in value] if isinstance(value, list) else None if value is None else load(name, value)
+        arguments[name] = [load(name, item) for item in value] if isinstance(value, list) else load(name, value)
     started = time.perf_counter()
     try:
         artifact = stage.function(**arguments, params=task.params)
@@ -184,6 +201,7 @@ def _provenance(task: Task, seconds: float) -> dict[str, Any]:
         "draws": list(task.draws),
         "params": task.params.hashed(),
         "inputs": task.input_addresses(),
+        "inline": {inner.address: _recipe(inner) for inner in task.nested()},
         "seconds": round(seconds, 4),
         "peak_mb": round(peak_mb(), 1),
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
@@ -191,6 +209,12 @@ def _provenance(task: Task, seconds: float) -> dict[str, Any]:
         "code": _commit(),
         "versions": _versions(),
     }
+
+
+def _recipe(task: Task) -> dict[str, Any]:
+    """What a transient task was made from: it has no provenance of its own."""
+    version = _stages()[task.stage].version
+    return {"stage": task.stage, "version": version, "params": task.params.hashed(), "inputs": task.input_addresses()}
 
 
 @cache

@@ -1,0 +1,160 @@
+"""Why an artifact is what it is, and why it would run again: the first part of its address that differs from a stored one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from pipeline.plan import LeafNode, Node
+from pipeline.run import Run
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that enters an address."""
+
+    name: str
+    value: str
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One part that differs. `field`: `stages.<stage>.<parameter>`, `<stage>.version`, or `<leaf> of <shape>`."""
+
+    field: str
+    before: str
+    now: str
+
+    def __str__(self) -> str:
+        return f"{self.field}: {self.before} → {self.now}"
+
+
+@dataclass(frozen=True)
+class Explanation:
+    stage: str
+    shape: str
+    address: str
+    state: str
+    parts: list[Part]
+    nearest: str | None
+    """Address of the stored artifact compared with; None: this stage has made nothing of this shape yet."""
+    differences: list[Difference] = field(default_factory=list)
+    """Deepest cause first: what stands at the head explains the rest."""
+
+
+def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: Run | None = None) -> Explanation:
+    """Explain one node of a run's plan, against the same node of another run or the nearest stored artifact.
+
+    Raises KeyError where the run has no such shape or stage.
+    """
+    node = run.node(shape, stage, draw)
+    parts = [Part("stage", node.stage), Part("version", str(run.config.stages[node.stage].version))]
+    parts += [Part(f"params.{name}", repr(value)) for name, value in run.config.params[node.stage].hashed().items()]
+    for name, above in _inputs(run, node).items():
+        addresses = above if isinstance(above, list) else [above]
+        parts.append(Part(f"inputs.{name}", ", ".join(_describe(item) for item in addresses)))
+    if against is not None:
+        other = against.node(shape, stage, draw)
+        before: _Recipe | None = _of_node(against, other)
+    else:
+        before = _nearest(run, node)
+    found = [] if before is None else list(_differences(run, _of_node(run, node), before))
+    return Explanation(node.stage, shape, node.address, node.state.value, parts, before.address if before else None, _unique(found))
+
+
+@dataclass(frozen=True)
+class _Recipe:
+    """What an address is made of, whether it stands in a plan or in a stored artifact's provenance."""
+
+    stage: str
+    address: str
+    version: int
+    params: dict[str, Any]
+    inputs: dict[str, list[str]]
+    above: dict[str, Any]
+    """Address of an input → Node, LeafNode, an inline recipe, or nothing known."""
+
+
+def _of_node(run: Run, node: Node) -> _Recipe:
+    above = {item.address: item for item in node.upstream()}
+    stage = run.config.stages[node.stage]
+    params = run.config.params[node.stage].hashed()
+    fingerprint = dict(stage.fingerprint(run.config.params[node.stage])) if stage.fingerprint else {}
+    inputs = {name: [i.address for i in v] if isinstance(v, list) else [v.address] for name, v in _inputs(run, node).items()}
+    return _Recipe(node.stage, node.address, stage.version, params, {**inputs, **{k: [v] for k, v in fingerprint.items()}}, above)
+
+
+def _of_provenance(stage: str, address: str, told: dict[str, Any], inline: dict[str, Any]) -> _Recipe:
+    inputs = {name: value if isinstance(value, list) else [value] for name, value in told["inputs"].items()}
+    return _Recipe(stage, address, told["version"], told["params"], inputs, inline)
+
+
+def _stored(run: Run, stage: str, address: str) -> _Recipe | None:
+    try:
+        told = run.store.head(stage, address).provenance
+    except (ArtifactNotFoundError, CorruptArtifactError):
+        return None
+    return _of_provenance(stage, address, told, told.get("inline", {}))
+
+
+def _nearest(run: Run, node: Node) -> _Recipe | None:
+    """The stored artifact of the same stage and shape with the fewest differing parts; the latest of those."""
+    stored = [recipe for a in run.index.made(node.stage, node.shape) if (recipe := _stored(run, node.stage, a)) is not None]
+    own = _of_node(run, node)
+    return min(reversed(stored), key=lambda recipe: _distance(own, recipe), default=None)
+
+
+def _distance(one: _Recipe, other: _Recipe) -> int:
+    params = sum(one.params.get(k) != other.params.get(k) for k in one.params.keys() | other.params.keys())
+    return params + sum(one.inputs.get(k) != other.inputs.get(k) for k in one.inputs.keys() | other.inputs.keys())
+
+
+def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference]:
+    if now.address == before.address:
+        return
+    for name in now.inputs.keys() & before.inputs.keys():
+        ours, theirs = now.inputs[name], before.inputs[name]
+        if ours == theirs:
+            continue
+        if len(ours) != len(theirs) or (len(ours) > 1 and set(ours) != set(theirs) and name.startswith("shot_")):
+            yield Difference(f"shots of {now.stage} ({name})", _short(theirs), _short(ours))
+            continue
+        for mine, other in zip(ours, theirs, strict=True):
+            above = now.above.get(mine)
+            if isinstance(above, Node):
+                known = before.above.get(other)
+                recipe = _of_node(run, known) if isinstance(known, Node) else None
+                if recipe is None:
+                    inline = known if isinstance(known, dict) else None
+                    recipe = _of_provenance(above.stage, other, inline, before.above) if inline else _stored(run, above.stage, other)
+                if recipe is None:
+                    yield Difference(f"{above.stage} (no longer stored)", other[:12], mine[:12])
+                else:
+                    yield from _differences(run, _of_node(run, above), recipe)
+            elif mine != other:
+                yield Difference(f"{name} of {now.stage} (bytes)", other[:12], mine[:12])
+    if now.version != before.version:
+        yield Difference(f"{now.stage}.version", str(before.version), str(now.version))
+    for key in sorted(now.params.keys() | before.params.keys()):
+        if now.params.get(key) != before.params.get(key):
+            yield Difference(f"stages.{now.stage}.{key}", repr(before.params.get(key)), repr(now.params.get(key)))
+
+
+def _inputs(run: Run, node: Node) -> dict[str, Node | LeafNode | list[Node | LeafNode]]:
+    return {name: value for name, value in node.inputs.items() if value is not None}
+
+
+def _describe(item: Node | LeafNode) -> str:
+    if isinstance(item, LeafNode):
+        return f"leaf {item.address[:12]}"
+    return f"{item.stage} of {item.shape} {item.address[:12]} ({item.state.value})"
+
+
+def _unique(found: list[Difference]) -> list[Difference]:
+    return list(dict.fromkeys(found))
+
+
+def _short(addresses: list[str]) -> str:
+    return "[" + ", ".join(address[:8] for address in addresses) + "]"

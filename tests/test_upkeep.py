@@ -1,0 +1,71 @@
+"""explain, verify and gc on the toy data set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.explain import explain
+from pipeline.run import Run
+from pipeline.upkeep import garbage, reached, verify
+from tests.toy import make_toy
+
+
+def test_explain_names_the_deepest_field_that_differs(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    Run.load(path).execute(workers=0)
+    shape = Run.load(path).plan().draws[0].targets[0].name
+    told = explain(Run.load(path, ["stages.square.power=3"]), shape, "add")
+    assert str(told.differences[0]) == "stages.square.power: 2.0 → 3.0" and told.state == "run"
+    same = explain(Run.load(path), shape, "add")
+    assert same.differences == [] and same.nearest == same.address and same.state == "cached"
+    (tmp_path / "numbers" / f"{shape.split('/')[1]}.txt").write_text("7 7")
+    moved = explain(Run.load(path), shape, "shift")
+    assert moved.differences[0].field == "numbers of square (bytes)"
+
+
+def test_explain_sees_through_transient_stages(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    transient = 'store.transient=["square"]'
+    Run.load(path, [transient]).execute(workers=0)
+    told = explain(Run.load(path, [transient, "stages.square.power=3"]), "toy/s0", "shift")
+    assert str(told.differences[0]) == "stages.square.power: 2.0 → 3.0"
+
+
+def test_explain_against_another_run_and_before_any(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    one, two = Run.load(path), Run.load(path, ["stages.shift.by=5"])
+    assert explain(one, "toy/s0", "shift").nearest is None
+    assert str(explain(two, "toy/s0", "shift", against=one).differences[0]) == "stages.shift.by: 1.0 → 5.0"
+    with pytest.raises(KeyError, match="did you mean"):
+        explain(one, "s0", "shift")
+
+
+def test_verify_finds_damage_names_shapes_and_marks_them_to_run(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    run = Run.load(path)
+    run.execute(workers=0)
+    assert list(verify(run)) == []
+    victims = [run.node("toy/s1", "square"), run.node("toy/s2", "shift")]
+    chunk = Path(run.store.path("square", victims[0].address)) / "values" / "c" / "0"
+    chunk.write_bytes(chunk.read_bytes()[:-3])
+    (Path(run.store.path("shift", victims[1].address)) / "values" / "c" / "0").unlink()
+    found = {(d.stage, d.shapes) for d in verify(Run.load(path))}
+    assert found == {("square", ("toy/s1",)), ("shift", ("toy/s2",))}
+    report = Run.load(path).execute(workers=0)
+    assert {(o.stage, o.shape) for o in report.done} == {("square", "toy/s1"), ("shift", "toy/s2")}
+
+
+def test_gc_drops_only_what_no_run_file_reaches(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    Run.load(path, ["stages.square.power=3", "name=old"]).execute(workers=0)
+    run = Run.load(path)
+    run.execute(workers=0)
+    wanted = set(run.plan().nodes)
+    lost = garbage(run.store, reached(run.index.run_files(), run.store))
+    assert len(lost) == 20 and not {(item.stage, item.address) for item in lost} & wanted
+    assert [item.stored_bytes for item in lost] == sorted((item.stored_bytes for item in lost), reverse=True)
+    for item in lost:
+        run.store.delete(item.stage, item.address)
+    assert Run.load(path).plan().to_run() == []
