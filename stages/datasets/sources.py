@@ -1,0 +1,25 @@
+"""The `source` leaf: a shape's geometry files under names that say nothing of where they lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.dataset import Leaf
+from schemas.shape import Source
+
+
+def source_leaf(name: str, mesh: Path | None, cloud: Path | None, companions: dict[str, Path] | None = None) -> Leaf:
+    """The `source` leaf of the shape called `name`: `mesh.<suffix>`, `cloud.<suffix>`, and companions by relative name."""
+    files: dict[str, Path] = {}
+    values: dict[str, Any] = {}
+    for role, path in (("mesh", mesh), ("cloud", cloud)):
+        if path is not None:
+            values[role] = role + path.suffix.lower()
+            files[values[role]] = path
+    return Leaf(load_source, values, {**(companions or {}), **files}, context={"shape": name})
+
+
+def load_source(files: dict[str, bytes], values: dict[str, Any]) -> Source:
+    """A Source of the files' bytes; `values` says which is the mesh and which the cloud."""
+    return Source(shape=values.get("shape", "the shape"), files=files, mesh=values.get("mesh"), cloud=values.get("cloud"))

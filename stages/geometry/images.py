@@ -1,0 +1,43 @@
+"""Texture images from bytes, and files by the names that other files call them."""
+
+from __future__ import annotations
+
+import io
+import posixpath
+
+import numpy as np
+from PIL import Image
+
+LARGEST = 1024
+"""Longest side of a texture, pixels: views are a few hundred pixels wide, and more would only be stored."""
+
+
+def find(files: dict[str, bytes], name: str) -> bytes | None:
+    """The file called `name`; else the only one with its name in any folder and any case (exporters disagree on both)."""
+    if name in files:
+        return files[name]
+    base = posixpath.basename(name).lower()
+    alike = [data for other, data in files.items() if posixpath.basename(other).lower() == base]
+    return alike[0] if len(alike) == 1 else None
+
+
+def decode(data: bytes) -> np.ndarray | None:
+    """An image file as (h, w, 3) uint8, first row on top, transparent parts white; None where it cannot be read."""
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            image.load()
+            return flatten(image)
+    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError):
+        return None
+
+
+def flatten(image: Image.Image, opaque: bool = False) -> np.ndarray:
+    """An image as (h, w, 3) uint8 of at most `LARGEST` a side, laid over white unless its alpha means nothing (`opaque`)."""
+    has_alpha = image.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in image.info
+    image = image.convert("RGBA" if has_alpha and not opaque else "RGB")
+    if max(image.size) > LARGEST:
+        ratio = LARGEST / max(image.size)
+        image = image.resize((max(1, round(image.width * ratio)), max(1, round(image.height * ratio))), Image.Resampling.BOX)
+    if image.mode == "RGBA":
+        image = Image.alpha_composite(Image.new("RGBA", image.size, (255, 255, 255, 255)), image).convert("RGB")
+    return np.array(image)

@@ -1,0 +1,182 @@
+"""normalize: a shape's files → one clean mesh or cloud in the unit frame, with the candidate points everything else lives on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.stage import Hints, stage
+from schemas.params import Params
+from schemas.shape import NormalizedShape, Source
+
+if TYPE_CHECKING:
+    from stages.geometry.surface import Cloud, Surface
+
+OFF_SURFACE = 0.05
+"""A cloud whose median point is farther than this from its mesh (unit frame) does not belong to it."""
+
+
+class NormalizeParams(Params):
+    """How a shape becomes a unit-frame shape with candidates."""
+
+    candidates: Literal["auto", "cloud", "fps"] = "auto"
+    """Candidate points: `cloud` = the data set's cloud in its own order (KeypointNet's protocol; the cloud contains the
+    annotated points); `fps` = farthest-point samples of the surface, or of the cloud where there is no mesh; `auto` = the
+    cloud where there is one of at most `cloud_limit` points, else fps."""
+    count: int = Field(2048, ge=1)
+    """How many farthest-point samples (fewer only where a bare cloud has fewer points)."""
+    cloud_limit: int = Field(8192, ge=1)
+    """Largest cloud that `auto` takes whole: distances between candidates grow with the square."""
+    seed: int = Field(0, ge=0)
+    """Of the random surface points that farthest-point sampling chooses from."""
+    max_nonfinite: float = Field(0.01, ge=0, le=1)
+    """Fraction of vertices or points that may be NaN or infinite and are repaired; above it the shape is an error."""
+    colors: bool = True
+    """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
+
+
+@stage(version=1, hints=Hints(memory_gb=0.5))
+def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
+    """Read, clean, move to the unit frame, and choose candidates.
+
+    The frame is the box of the vertices that clean faces use (of the cloud's points where there is no mesh). Vertices keep
+    the file's number and order. Faces with a non-finite, repeated or collinear corner, and faces that cover the same three
+    places as an earlier one (either way round), are dropped; all are counted in `repairs`.
+
+    Raises ValueError, naming the shape: empty or unreadable file; neither faces nor points; a face index out of range; all
+    faces degenerate; more than `max_nonfinite` of the coordinates not finite; fewer than 2 distinct points; `cloud`
+    candidates without a cloud; a cloud that does not lie on its mesh.
+    """
+    from stages.geometry.loading import load
+    from stages.geometry.surface import Cloud
+
+    if source.mesh is None and source.cloud is None:
+        raise ValueError(f"{source.shape}: expected a mesh or a cloud, got neither; add a file or remove the shape")
+    cloud = load(source.shape, source.files, source.cloud, params.colors) if source.cloud is not None else None
+    if cloud is not None and not isinstance(cloud, Cloud):
+        cloud = Cloud(cloud.vertices, cloud.vertex_colors)
+    mesh = load(source.shape, source.files, source.mesh, params.colors) if source.mesh is not None else None
+    if isinstance(mesh, Cloud):  # a mesh format that holds points only
+        mesh, cloud = None, cloud or mesh
+    if cloud is not None:
+        cloud = _finite(source.shape, cloud, params)
+    if mesh is not None:
+        return _mesh(source.shape, mesh, cloud, params)
+    assert cloud is not None
+    return _cloud(source.shape, cloud, params)
+
+
+def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams) -> NormalizedShape:
+    from stages.geometry.cleaning import clean
+    from stages.geometry.nearest import nearest_on_faces
+    from stages.geometry.sampling import farthest_points, surface_samples
+
+    _check_finite(shape, surface.vertices, params, "vertices")
+    result = clean(surface.vertices, surface.faces, shape)
+    kind = _kind(shape, cloud, params)
+    if kind == "cloud" and cloud is not None:
+        points = result.frame.unit(cloud.points).astype(np.float32)
+        on, distance = nearest_on_faces(points, result.vertices, result.faces)
+        if (away := float(np.median(distance))) > OFF_SURFACE:
+            raise ValueError(
+                f"{shape}: expected its cloud on its mesh, got a median distance of {away:.2g} of the longest side; bring both "
+                'into one frame, leave one out, or set stages.normalize.candidates = "fps"'
+            )
+    else:
+        from stages.geometry.sampling import DENSITY
+
+        rng = np.random.default_rng(params.seed)
+        dense = surface_samples(result.vertices, result.faces, DENSITY * params.count, rng)
+        on = dense[farthest_points(dense.points, params.count)]
+        points = on.points
+    colors, uvs, texture = _appearance(surface, result.kept) if params.colors else (None, None, None)
+    return NormalizedShape(
+        kind="mesh",
+        vertices=result.vertices,
+        faces=result.faces,
+        vertex_colors=colors,
+        face_uvs=uvs,
+        texture=texture,
+        points=points,
+        point_faces=on.faces,
+        point_barycentrics=on.barycentrics,
+        candidates=kind,
+        center=_triple(result.frame.center),
+        scale=result.frame.scale,
+        repairs={**result.repairs, **({"non_finite_points": cloud.repaired} if cloud is not None else {}), **surface.problems},
+    )
+
+
+def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape:
+    from stages.geometry.cleaning import Frame, check_frame
+    from stages.geometry.sampling import farthest_points
+
+    frame = check_frame(Frame.around(cloud.points), shape)
+    vertices = frame.unit(cloud.points).astype(np.float32)
+    kind = _kind(shape, cloud, params)
+    points = vertices if kind == "cloud" else vertices[farthest_points(vertices, params.count)]
+    return NormalizedShape(
+        kind="cloud",
+        vertices=vertices,
+        faces=np.zeros((0, 3), np.int32),
+        vertex_colors=cloud.colors,
+        points=points,
+        point_faces=np.full(len(points), -1, np.int32),
+        point_barycentrics=np.zeros((len(points), 3), np.float32),
+        candidates=kind,
+        center=_triple(frame.center),
+        scale=frame.scale,
+        repairs={"non_finite_points": cloud.repaired},
+    )
+
+
+def _kind(shape: str, cloud: Cloud | None, params: NormalizeParams) -> Literal["cloud", "fps"]:
+    if params.candidates == "cloud" and cloud is None:
+        raise ValueError(
+            f'{shape}: expected a point cloud for candidates = "cloud", got a mesh alone; add the cloud or set '
+            'stages.normalize.candidates = "auto" or "fps"'
+        )
+    if params.candidates == "fps" or cloud is None:
+        return "fps"
+    return "cloud" if params.candidates == "cloud" or len(cloud.points) <= params.cloud_limit else "fps"
+
+
+def _finite(shape: str, cloud: Cloud, params: NormalizeParams) -> Cloud:
+    """The cloud with its non-finite points put on finite neighbours, and how many those were."""
+    from stages.geometry.cleaning import fill_gaps
+    from stages.geometry.surface import Cloud
+
+    bad = _check_finite(shape, cloud.points, params, "points")
+    return Cloud(fill_gaps(cloud.points), cloud.colors, repaired=bad)
+
+
+def _check_finite(shape: str, points: np.ndarray, params: NormalizeParams, what: str) -> int:
+    from stages.geometry.cleaning import finite_rows
+
+    bad = len(points) - int(finite_rows(points).sum())
+    if bad > params.max_nonfinite * len(points) or bad == len(points):
+        raise ValueError(
+            f"{shape}: expected finite {what}, got {bad} of {len(points)} NaN or infinite; mend the file, remove the shape, or "
+            "raise stages.normalize.max_nonfinite"
+        )
+    return bad
+
+
+def _appearance(surface: Surface, kept: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
+    """(vertex_colors, face_uvs, texture) of the kept faces. Images win over vertex colours, those over plain materials."""
+    from stages.geometry.atlas import bake
+
+    pictured = any(material.image is not None for material in surface.materials)
+    if surface.vertex_colors is not None and not pictured:
+        return surface.vertex_colors, None, None
+    if surface.face_materials is None:
+        return None, None, None
+    baked = bake(surface.materials, surface.face_materials[kept], None if surface.face_uvs is None else surface.face_uvs[kept])
+    return (None, None, None) if baked is None else (None, *baked)
+
+
+def _triple(center: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(c) for c in center)
+    return x, y, z
