@@ -1,0 +1,198 @@
+"""optimize: find the shots' keypoints among a target's candidates, by features and mutual distances."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from pipeline.stage import Hints, stage
+from schemas.features import GeodesicDistances, PointFeatures
+from schemas.keypoints import Prediction
+from schemas.params import Params
+from schemas.shape import Keypoints, NormalizedShape
+
+if TYPE_CHECKING:
+    from stages.solvers.objective import Problem
+    from stages.solvers.shots import Shot, Template
+
+
+class OptimizeParams(Params):
+    """How keypoints are chosen. The objective is L = ‖F[c] − F_kp‖ + α ‖(D[c, c] − D_kp) ∘ M‖ − β R for all methods that have one."""
+
+    method: Literal["discrete", "softmax", "nearest", "hungarian"] = "discrete"
+    """"discrete": coordinate descent on the choice, from many starts. "softmax": the paper's relaxation, driven by Adam.
+    "nearest": each keypoint's nearest feature. "hungarian": the linear assignment by feature distance. The last two use no α."""
+    alpha: float = Field(default=0.25, ge=0)
+    """Weight of the distance term. It depends on the scale of `features`: .25 suits those of length 1; the paper has 4 with raw DINOv2."""
+    beta: float = Field(default=0.0, ge=0)
+    """Weight of the paper's selection reward R; "softmax" only, since R is constant on choices. The paper finds 0 best."""
+    features: Literal["raw", "centred", "centred-unit", "standardised"] = "centred-unit"
+    """Scale of the features, each shape by itself. "raw": as extracted (the paper). "centred": less the shape's mean. "centred-unit":
+    then each point's feature to length 1. "standardised": every channel to mean 0 and variance 1 / channels."""
+    combine: Literal["mean", "sum_distances"] = "mean"
+    """Several shots: "mean" averages features per id and distances per pair over the shots that have them (the paper);
+    "sum_distances" averages features but sums distances (the published code)."""
+    source_features: Literal["cloud", "keypoints"] = "cloud"
+    """Features of the shots' keypoints: "cloud" takes them from the whole shot's smoothed features; "keypoints" smooths them among the
+    shot's keypoints only, as the published code does. Whole-shape smoothing is `reweight`'s: set its σ to 0 to have this one alone."""
+    source_sigma: float = Field(default=0.01, gt=0)
+    """σ of `source_features = "keypoints"`, in units of the shot's largest distance."""
+    distances: Literal["largest", "unit-frame"] = "largest"
+    """Unit of the distance term: "largest" divides by each shape's own largest distance (the paper); "unit-frame" does not."""
+    mask: Literal["pairs", "positive", "whole"] = "pairs"
+    """M. "pairs": pairs of different ids that some shot has both of. "positive": entries of D_kp above 0 (the published code), so
+    without pairs that coincide. "whole": as "pairs", and the diagonal (the paper's formula; only "softmax" can tell)."""
+    seed: int = Field(default=0, ge=0)
+    """Of "softmax"'s initial S and of "discrete"'s random starts."""
+    steps: int = Field(default=5000, ge=0)
+    """Adam steps of "softmax"."""
+    learning_rate: float = Field(default=0.1, gt=0)
+    """Of "softmax"'s Adam."""
+    starts: int = Field(default=32, ge=1)
+    """Starts of "discrete": nearest neighbour, assignment, and random ones."""
+    softmax_start: bool = False
+    """Let "discrete" start from the softmax's result, too, which it is then never worse than. As slow as "softmax"."""
+    one_to_one: bool = False
+    """No candidate for two keypoints ("discrete" and "softmax"; "hungarian" never gives one twice)."""
+    retrieval: bool = False
+    """Use only the shot whose class token is nearest to the target's by cosine (mean feature, where an encoder has no class token)."""
+    presence: Literal["all", "majority"] = "all"
+    """Which ids to predict: "all" that any shot has (the paper), or those of more than half of the shots."""
+
+    @model_validator(mode="after")
+    def _nearest_repeats(self) -> Self:
+        if self.method == "nearest" and self.one_to_one:
+            raise ValueError('one_to_one: expected a method that can keep candidates apart, got "nearest"; use "hungarian"')
+        return self
+
+
+@stage(version=1, hints=Hints(memory_gb=0.5))
+def optimize(
+    normalize: NormalizedShape,
+    reweight: PointFeatures,
+    geodesic: GeodesicDistances,
+    shot_normalize: list[NormalizedShape],
+    shot_reweight: list[PointFeatures],
+    shot_geodesic: list[GeodesicDistances],
+    shot_keypoints: list[Keypoints],
+    params: OptimizeParams,
+) -> Prediction:
+    """The shots' keypoints on the target, one for every id that any shot used has.
+
+    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare; `costs` are each
+    keypoint's share of it and sum to it. `shots` are the indices of the shots used. A pair of the target's candidates that
+    no path joins counts as the shape's largest distance; such a pair of a shot's keypoints counts as not observed.
+
+    Raises ValueError: no keypoint in any shot; several shots of which no two share an id; features of different encoders;
+    features or distances that do not fit the candidates or are not finite; a keypoint beyond the cloud.
+    """
+    from stages.solvers.objective import objective, shares
+    from stages.solvers.presence import presence
+    from stages.solvers.retrieval import retrieve
+    from stages.solvers.shots import combine_shots
+
+    used = list(range(len(shot_normalize)))
+    if params.retrieval and len(used) > 1:
+        used = [retrieve(reweight, shot_reweight)]
+    shots = [_shot(i, shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], params) for i in used]
+    template = combine_shots(shots, params.combine, params.mask)
+    points = normalize.points
+    problem = _problem(reweight, geodesic, len(points), template, params)
+    choice = _solve(problem, params)
+    costs = shares(problem, choice)
+    return Prediction(
+        ids=template.ids,
+        points=choice.astype(np.int32),
+        positions=points[choice],
+        present=presence(costs, template, params.presence),
+        costs=costs.astype(np.float32),
+        objective=float(objective(problem, choice)),
+        method=params.method,
+        shots=template.shots,
+    )
+
+
+def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
+    """The method's choice, (k,) int64."""
+    from stages.solvers.discrete import discrete
+    from stages.solvers.hungarian import hungarian
+    from stages.solvers.nearest import nearest
+
+    if params.method == "nearest":
+        return nearest(problem)
+    if params.method == "hungarian":
+        return hungarian(problem)
+    if params.method == "discrete" and not params.softmax_start:
+        return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one)
+
+    from stages.solvers.softmax import softmax
+
+    relaxed = softmax(
+        problem,
+        beta=params.beta,
+        steps=params.steps,
+        learning_rate=params.learning_rate,
+        seed=params.seed,
+        one_to_one=params.one_to_one,
+    )
+    if params.method == "softmax":
+        return relaxed
+    return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one, extra=[relaxed])
+
+
+def _problem(reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, params: OptimizeParams) -> Problem:
+    from stages.solvers.objective import Problem
+    from stages.solvers.scaling import largest_distance
+
+    features, distances = _scaled("the target", reweight, geodesic, n, params)
+    if features.shape[1] != template.features.shape[1]:
+        raise ValueError(
+            f"features: expected {template.features.shape[1]} channels as the shots have, got {features.shape[1]} on the target; "
+            "use one encoder for all"
+        )
+    apart = np.isinf(distances)
+    if apart.any():
+        distances[apart] = largest_distance(distances)
+    return Problem(features, distances, template.features, template.distances, template.mask, params.alpha)
+
+
+def _shot(
+    index: int,
+    shape: NormalizedShape,
+    reweight: PointFeatures,
+    geodesic: GeodesicDistances,
+    keypoints: Keypoints,
+    params: OptimizeParams,
+) -> Shot:
+    from stages.geometry.keypoints import keypoint_candidates
+    from stages.solvers.scaling import largest_distance
+    from stages.solvers.shots import Shot, smooth_among
+
+    name = f"shot {index}"
+    features, distances = _scaled(name, reweight, geodesic, len(shape.points), params)
+    if not len(keypoints.ids):
+        return Shot(str(index), keypoints.ids, features[:0], distances[:0, :0])
+    at = keypoint_candidates(keypoints, shape, name)
+    own, between = features[at], distances[np.ix_(at, at)]
+    if params.source_features == "keypoints":
+        own = smooth_among(own, between, params.source_sigma * (largest_distance(distances) or 1.0))
+    return Shot(str(index), keypoints.ids, own, between)
+
+
+def _scaled(
+    name: str, reweight: PointFeatures, geodesic: GeodesicDistances, n: int, params: OptimizeParams
+) -> tuple[np.ndarray, np.ndarray]:
+    """Features (n, channel) and distances (n, n) of one shape, float32, in the objective's scales."""
+    from stages.solvers.scaling import scale_distances, scale_features
+
+    features, distances = reweight.features, geodesic.distances
+    if len(features) != n or len(distances) != n:
+        raise ValueError(
+            f"{name}: expected features and distances of its {n} candidates, "
+            f"got {len(features)} and {len(distances)}; re-run reweight and geodesic"
+        )
+    if not np.isfinite(features).all():
+        raise ValueError(f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor")
+    return scale_features(features, params.features, reweight.observed), scale_distances(distances, params.distances)

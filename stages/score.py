@@ -1,0 +1,72 @@
+"""score: compare predicted keypoints with annotated ones, by KeypointNet's protocol and stricter ones."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.stage import Hints, stage
+from schemas.keypoints import Prediction, ShapeScore
+from schemas.params import Params
+from schemas.shape import Keypoints, NormalizedShape
+
+Threshold = Annotated[float, Field(ge=0)]
+
+
+class ScoreParams(Params):
+    """When a prediction counts as right. Defaults: the protocol that the paper's figures follow."""
+
+    thresholds: tuple[Threshold, ...] = Field(default=tuple(i / 100 for i in range(11)), min_length=1)
+    """Distances at which to count, in `units`."""
+    inside: Literal["<=", "<"] = "<="
+    """Whether a distance equal to the threshold is within it. The paper's text says "smaller than", but then nothing is right at 0."""
+    units: Literal["dataset", "unit"] = "dataset"
+    """"dataset": distances of the shape as it is in the data set. "unit": of the shape with its longest side 1."""
+    neighbors: int = Field(default=20, ge=1)
+    """Nearest others that each point is linked to in the graph that distances run along."""
+
+
+@stage(version=1, hints=Hints(memory_gb=0.3))
+def score(
+    normalize: NormalizedShape, optimize: Prediction, keypoints: Keypoints, shot_keypoints: list[Keypoints], params: ScoreParams
+) -> ShapeScore:
+    """Counts at every threshold, for all kinds of score; ratios are taken over a class, by `stages.scoring.summary`.
+
+    Only predictions judged present count. Raises ValueError where a predicted or annotated point lies beyond the candidates.
+    """
+    from stages.scoring.distances import keypoint_distances
+    from stages.scoring.iou import count, within
+    from stages.scoring.matching import labelled, matched, symmetric
+    from stages.scoring.symmetry import exchanges
+
+    present = optimize.present
+    ids, points, annotated = optimize.ids[present], optimize.points[present], keypoints.ids
+    thresholds = np.asarray(params.thresholds, np.float64)
+    distances = keypoint_distances(normalize, points, keypoints, params.neighbors, params.units)
+    hits = within(distances, thresholds, params.inside)
+    counts = count(hits)
+    seen = np.unique(np.concatenate([np.zeros(0, np.int32), *(shot.ids for shot in shot_keypoints)]))
+    return ShapeScore(
+        thresholds=thresholds,
+        true_positives=counts.true_positives,
+        false_positives=counts.false_positives,
+        false_negatives=counts.false_negatives,
+        matched=matched(hits),
+        labelled=labelled(hits, ids, annotated),
+        symmetric=symmetric(hits, ids, exchanges(keypoints)),
+        annotated=len(annotated),
+        predicted=len(points),
+        common=len(np.intersect1d(ids[ids >= 0], annotated)),
+        ceiling=np.array([len(np.intersect1d(seen, annotated)), len(np.union1d(seen, annotated))], np.int32),
+        distances=distances.astype(np.float32),
+        protocol=protocol(params, normalize.candidates),
+        annotation_file=keypoints.annotation_file,
+    )
+
+
+def protocol(params: ScoreParams, candidates: str) -> str:
+    """How these counts were made, in one line."""
+    units = "data set's units" if params.units == "dataset" else "longest side 1"
+    return f"{params.inside} threshold along the {params.neighbors}-NN graph, {units}, candidates {candidates}"

@@ -1,0 +1,1 @@
+"""How predicted keypoints compare with annotated ones."""

@@ -1,0 +1,113 @@
+"""Exchanges of names that a symmetry of the shape permits, from the annotation's `reflections` and `rotations`.
+
+KeypointNet lists pairs of ids that *some* mirror plane exchanges, without saying which pairs share a plane (a rectangular bathtub
+has (0 1) (2 3) for one plane and (1 2) (3 0) for another), and its lists have gaps. But a symmetry moves the whole shape: all
+pairs of one plane are exchanged at once or not at all. Which pairs share a plane, and which further ids it exchanges, is read
+from the annotated positions.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import numpy.typing as npt
+
+from schemas.shape import Keypoints
+from stages.scoring.motions import Motion, mirror, turn
+
+LARGEST_GROUP = 64
+"""Composing symmetries ends at this many exchanges; a square's group has 8."""
+AGREES = 0.5
+"""A motion takes one id to another if it takes the point nearer to the other than this share of their distance."""
+
+Places = dict[int, np.ndarray]
+Pair = tuple[int, int]
+
+
+def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
+    """For every permitted exchange, the id looked for at each annotated keypoint: (e, g) int32, the identity first.
+
+    The exchanges are the identity, every reflection (all its pairs at once), every turn about the vertical that `rotations` lists
+    and the positions bear out, and their compositions. Ids that the shape lacks stay out of exchanges.
+    """
+    ids = keypoints.ids.tolist()
+    places = dict(zip(ids, np.asarray(keypoints.positions, np.float64), strict=True))
+    pairs = sorted({(min(t), max(t)) for t in keypoints.reflections if len(t) == len(set(t)) == 2 and places.keys() >= set(t)})
+    tuples = [t for t in keypoints.rotations if len(t) == len(set(t)) > 1 and places.keys() >= set(t)]
+    tables = [_reflection(plane, places) for plane in _planes(pairs, places)]
+    tables += [_rotation([t for t in tuples if len(t) == fold], places) for fold in sorted({len(t) for t in tuples})]
+    return np.stack(_compose([[ids.index(table.get(i, i)) for i in ids] for table in tables], keypoints.ids))
+
+
+def _planes(pairs: list[Pair], places: Places) -> list[list[Pair]]:
+    """Pairs grouped by the mirror plane that exchanges them; the pair that defines the plane first.
+
+    An id that stands in m pairs has a partner in m planes, so there are as many planes as the most frequent id has pairs, and its
+    pairs define them (the widest ones, if several ids are as frequent). Any other pair goes to the plane that takes its one point
+    nearest to the other, among those in which both are free.
+    """
+    degree = Counter(i for pair in pairs for i in pair)
+    most = max(degree.values(), default=0)
+
+    def width(pair: Pair) -> float:
+        return float(np.linalg.norm(places[pair[0]] - places[pair[1]]))
+
+    widest = sorted(pairs, key=width, reverse=True)
+    if most < 2:
+        return [widest] if pairs else []
+    around = [[pair for pair in pairs if i in pair] for i in degree if degree[i] == most]
+    seeds = max(around, key=lambda group: min(map(width, group)))
+    planes = [[seed] for seed in seeds]
+    for pair in (pair for pair in widest if pair not in seeds):
+        free = [plane for plane in planes if not {i for other in plane for i in other} & set(pair)]
+        if free:
+            min(free, key=lambda plane: _error(mirror(*(places[i] for i in plane[0])), pair, places)).append(pair)
+    return planes
+
+
+def _error(motion: Motion, pair: Pair, places: Places) -> float:
+    return float(np.linalg.norm(motion(places[pair[0]]) - places[pair[1]]))
+
+
+def _reflection(plane: list[Pair], places: Places) -> dict[int, int]:
+    a, b = plane[0]
+    return _complete({**dict(plane), **{j: i for i, j in plane}}, mirror(places[a], places[b]), places)
+
+
+def _rotation(tuples: list[tuple[int, ...]], places: Places) -> dict[int, int]:
+    motion = turn([np.stack([places[i] for i in ids]) for ids in tuples])
+    table: dict[int, int] = {}
+    for ids in tuples:
+        steps = {ids[n - 1]: ids[n] for n in range(len(ids))}
+        borne_out = all(_error(motion, step, places) < AGREES * np.linalg.norm(places[step[0]] - places[step[1]]) for step in steps.items())
+        if borne_out and not table.keys() & steps.keys():
+            table.update(steps)
+    return _complete(table, motion, places)
+
+
+def _complete(table: dict[int, int], motion: Motion, places: Places) -> dict[int, int]:
+    """The table with those other ids that the motion takes to one another, each being the other's nearest."""
+    free = [i for i in places if i not in table]
+    if not table or len(free) < 2:
+        return table
+    points = np.stack([places[i] for i in free])
+    gaps = np.linalg.norm(motion(points)[:, None] - points[None], axis=2)
+    widths = np.linalg.norm(points[:, None] - points[None], axis=2)
+    to, back = gaps.argmin(1), gaps.argmin(0)
+    found = {i: int(j) for i, j in enumerate(to) if i != j and back[j] == i and gaps[i, j] < AGREES * widths[i, j]}
+    while found.keys() != set(found.values()):  # whole cycles only
+        found = {i: j for i, j in found.items() if j in found and i in found.values()}
+    return {**table, **{free[i]: free[j] for i, j in found.items()}}
+
+
+def _compose(generators: list[list[int]], ids: np.ndarray) -> list[np.ndarray]:
+    """All products of the generators (as positions in `ids`), each as the id that every id becomes; identity first."""
+    found, seen = [ids], {tuple(ids.tolist())}
+    for element in found:  # grows while it is walked: breadth first
+        for generator in generators:
+            product = element[generator]
+            if tuple(product.tolist()) not in seen and len(found) < LARGEST_GROUP:
+                seen.add(tuple(product.tolist()))
+                found.append(product)
+    return found

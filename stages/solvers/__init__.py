@@ -1,0 +1,1 @@
+"""Ways to choose k of n candidates so that features and mutual distances match those of the shots."""

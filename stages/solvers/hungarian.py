@@ -1,0 +1,23 @@
+"""Hungarian baseline: the linear assignment of keypoints to candidates, no candidate twice.
+
+Jonker–Volgenant with modifications (D. F. Crouse, On implementing 2D rectangular assignment algorithms, 2016), scipy's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.solvers.objective import Problem
+
+
+def hungarian(problem: Problem) -> np.ndarray:
+    """Choice (k,) int64 with the least sum of feature distances among choices without repetition, in the keypoints' order.
+
+    Raises ValueError where there are more keypoints than candidates.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    if problem.k > problem.n:
+        raise ValueError(f"assignment: expected at least {problem.k} candidates, got {problem.n}; sample more candidates")
+    # rows come back sorted, so columns are in the keypoints' order: labels stay
+    return linear_sum_assignment(np.sqrt(problem.feature_costs))[1]
