@@ -45,9 +45,10 @@ class Shape:
     error: str | None = None
     """Why this shape cannot be used, if listing the data set already tells; it is quarantined under its name."""
 
-    @property
-    def name(self) -> str:
-        return f"{self.category}/{self.id}"
+    name: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", f"{self.category}/{self.id}")
 
 
 class Dataset(Params):

@@ -27,10 +27,13 @@ def test_golden_digests_freeze_the_recipe() -> None:
     assert render({"normalize": "aa", "shot_x": ["b", "c"]}) == "51e0e2d4e83dd1d6dc656a44db347a5bf71758b47f4e63b3de708a7df506dc48"
 
 
-@given(JSON, JSON)
-def test_stage_address_is_the_documented_formula(params: object, inputs: object) -> None:
-    whole = {"recipe": RECIPE, "stage": "s", "version": 3, "params": {"p": params}, "inputs": {"i": inputs}}
-    assert StageAddress("s", 3, {"p": params})({"i": inputs}) == sha256(canonical_json(whole))  # type: ignore[dict-item]
+HEX = st.text("0123456789abcdef", min_size=1, max_size=8)
+
+
+@given(JSON, st.dictionaries(st.text("abcz_", min_size=1, max_size=4), HEX | st.lists(HEX, min_size=1, max_size=3), max_size=4))
+def test_stage_address_is_the_documented_formula(params: object, inputs: dict[str, str | list[str]]) -> None:
+    whole = {"recipe": RECIPE, "stage": "s", "version": 3, "params": {"p": params}, "inputs": inputs}
+    assert StageAddress("s", 3, {"p": params})(inputs) == sha256(canonical_json(whole))
 
 
 @given(st.dictionaries(st.text(max_size=5), JSON, max_size=5))
