@@ -96,7 +96,8 @@ def ablation_plot(found: list[tuple[str, ScoreTable]]) -> str:
     names = [change for change, _ in found]
     auc = [scores.mean.auc for _, scores in found]
     figure = go.Figure(go.Bar(x=[a.mean for a in auc], y=names, orientation="h", error_x={"array": [a.sd for a in auc]}))
-    figure.update_layout(xaxis_title="AUC of IoU, 0 … .10", yaxis={"autorange": "reversed"}, margin={"l": 360}, height=120 + 34 * len(found))
+    height = 120 + 34 * len(found)
+    figure.update_layout(xaxis_title="AUC of IoU, 0 … .10", yaxis={"autorange": "reversed"}, margin={"l": 360}, height=height)
     return str(figure.to_html(include_plotlyjs=True))
 
 

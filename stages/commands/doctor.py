@@ -72,7 +72,8 @@ def _renderers() -> Iterator[Finding]:
     embree = "import numpy as np; from embreex import rtcore_scene; rtcore_scene.EmbreeScene()"
     yield _probe("embree", embree, "pip install embreex", needed=True)
     egl = "import os; os.environ['PYOPENGL_PLATFORM'] = 'egl'; import pyrender; pyrender.OffscreenRenderer(8, 8).delete()"
-    yield _probe("pyrender (EGL)", egl, "apt-get install libegl1 libgles2 libgl1-mesa-dri, or a GPU driver with EGL; embree needs neither", needed=False)
+    mend = "apt-get install libegl1 libgles2 libgl1-mesa-dri, or a GPU driver with EGL; embree needs neither"
+    yield _probe("pyrender (EGL)", egl, mend, needed=False)
 
 
 def _probe(what: str, code: str, mend: str, needed: bool) -> Finding:
