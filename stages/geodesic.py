@@ -32,13 +32,13 @@ def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDist
     """Geodesic distances between all candidates, in the unit frame, never less than the straight line.
 
     "graph" takes O(n k) edges and O(n²) memory; exact all-pairs shortest paths (`stages/geodesics/paths.py`).
-    "heat" solves once a candidate and averages both directions; an entry it cannot give is found along the graph.
+    "heat" solves once a candidate, averages both directions, and takes paths along links of that length where they are shorter.
 
     Raises ValueError where the shape has no candidates, or one that is not finite.
     """
     points = normalize.points.astype(np.float64)
     if not len(points) or not np.isfinite(points).all():
-        raise ValueError(f"candidates: expected at least one and all finite, got {points.shape} with {np.isnan(points).sum()} NaN; re-run normalize")
+        raise ValueError(f"candidates: expected at least one and all finite, got {points.shape}; run normalize on the shape again")
     solve = _along_graph if params.method == "graph" else _by_heat
     distances, components = solve(normalize, points, params)
     if params.disconnected == "max":
@@ -74,10 +74,8 @@ def _by_heat(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams)
         distances, components = cloud_distances(points, params.neighbors)
     distances = (distances + distances.T) / 2
     np.maximum(distances, _straight(points), out=distances)  # NaN stays
-    known = np.isfinite(distances) if params.disconnected == "bridge" else ~np.isnan(distances)
-    if known.all():
-        return distances, components
 
+    # Heat's distances are no metric: paths along links of heat's length are shorter where it errs, and join components that touch.
     edges, lengths = neighbour_edges(points, params.neighbors)
     first, second = edges.T
     inside = components[first] == components[second]

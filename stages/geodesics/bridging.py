@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
 ROWS = 1024
@@ -31,11 +31,12 @@ def links(points: np.ndarray, components: np.ndarray) -> tuple[np.ndarray, np.nd
     )  # (n, c): each point's distance from each component
     between = np.minimum.reduceat(gaps, starts, axis=0)  # (c, c)
     tree = minimum_spanning_tree(csr_matrix(between + 1.0)).tocoo()  # + 1: a gap of zero must not read as no edge; same tree
-    near = np.array([order[starts[a] + gaps[starts[a] : _end(starts, a, len(order)), b].argmin()] for a, b in zip(tree.row, tree.col, strict=True)])
-    far = np.array([order[starts[b] + gaps[starts[b] : _end(starts, b, len(order)), a].argmin()] for a, b in zip(tree.row, tree.col, strict=True)])
-    ends = np.column_stack([near, far]).astype(np.int64)
+    pairs = zip(tree.row, tree.col, strict=True)
+    ends = np.array([[order[_nearest(gaps, starts, a, b)], order[_nearest(gaps, starts, b, a)]] for a, b in pairs], dtype=np.int64)
     return ends, np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
 
 
-def _end(starts: np.ndarray, component: int, total: int) -> int:
-    return int(starts[component + 1]) if component + 1 < len(starts) else total
+def _nearest(gaps: np.ndarray, starts: np.ndarray, component: int, other: int) -> int:
+    """Row of the point of `component` that is nearest to `other`."""
+    rows = gaps[starts[component] : starts[component + 1] if component + 1 < len(starts) else None, other]
+    return int(starts[component] + rows.argmin())

@@ -70,7 +70,7 @@ def graph_distances(
     points, sources = np.asarray(points, dtype=np.float64), np.asarray(sources, dtype=np.int64)
     if not len(points) or not np.isfinite(points).all():
         raise ValueError(f"points: expected at least one and all finite, got {points.shape}; drop what is not finite first")
-    if len(sources) and not (0 <= sources.min() and sources.max() < len(points)):
+    if len(sources) and (sources.min() < 0 or sources.max() >= len(points)):
         raise ValueError(f"sources: expected indices below {len(points)}, got {sources.min()} … {sources.max()}; index the same cloud")
     edges, lengths = neighbour_edges(points, neighbors)
     graph = edge_graph(len(points), edges, lengths)

@@ -1,0 +1,163 @@
+"""reweight: Eq. 1's identities, filling without underflow, and the released code's behaviour on cases made to show it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from schemas.features import GeodesicDistances, PointFeatures
+from stages.reweight import ReweightParams, reweight
+
+RELEASED = {"normalised": False, "weight": "views", "fill": "zeros"}
+
+
+def line(count: int, spacing: float = 0.05) -> GeodesicDistances:
+    at = np.arange(count) * spacing
+    return distances(np.abs(at[:, None] - at))
+
+
+def distances(matrix: np.ndarray) -> GeodesicDistances:
+    return GeodesicDistances(distances=matrix.astype(np.float16), components=np.zeros(len(matrix), np.int32), method="graph")
+
+
+def seen(features: np.ndarray, counts: np.ndarray | None = None) -> PointFeatures:
+    counts = np.ones(len(features)) if counts is None else counts
+    return PointFeatures(
+        features=np.where((counts > 0)[:, None], features, 0).astype(np.float16),
+        counts=counts.astype(np.int32),
+        observed=counts > 0,
+        class_token=np.ones(features.shape[1], np.float32),
+        descriptor="test",
+    )
+
+
+def run(points: PointFeatures, geodesic: GeodesicDistances, **params: object) -> np.ndarray:
+    return reweight(points, geodesic, ReweightParams(**params)).features.astype(np.float32)
+
+
+def random_case(seed: int, count: int = 40, channels: int = 5) -> tuple[PointFeatures, GeodesicDistances]:
+    rng = np.random.default_rng(seed)
+    places = rng.random((count, 3))
+    counts = rng.integers(0, 5, count)
+    counts[0] = 1
+    return seen(rng.normal(size=(count, channels)), counts), distances(np.linalg.norm(places[:, None] - places, axis=2))
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    seed=st.integers(0, 999),
+    sigma=st.sampled_from([0.0, 1e-4, 0.01, 0.3]),
+    weight=st.sampled_from(["point", "views"]),
+    batches=st.sampled_from([1, 3]),
+)
+def test_constant_features_stay_constant(seed: int, sigma: float, weight: str, batches: int) -> None:
+    points, geodesic = random_case(seed)
+    points = seen(np.full(points.features.shape, 2.5), points.counts)
+    np.testing.assert_allclose(run(points, geodesic, sigma=sigma, weight=weight, batches=batches), 2.5, rtol=1e-3)
+
+
+def test_equation_one() -> None:
+    points, geodesic = random_case(0)
+    d, f, visible = geodesic.distances.astype(np.float64), points.features.astype(np.float64), points.observed
+    w = np.exp(-(d**2) / (2 * 0.2**2))[:, visible]
+    np.testing.assert_allclose(run(points, geodesic, sigma=0.2), w @ f[visible] / w.sum(1, keepdims=True), atol=2e-3)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1e-6, 1e-3])
+def test_a_small_sigma_leaves_seen_points_and_fills_with_the_nearest_seen(sigma: float) -> None:
+    points, geodesic = random_case(1)
+    result = run(points, geodesic, sigma=sigma)
+    np.testing.assert_array_equal(result[points.observed], points.features[points.observed].astype(np.float32))
+    nearest = np.flatnonzero(points.observed)[geodesic.distances[:, points.observed].argmin(axis=1)]
+    np.testing.assert_allclose(result, points.features[nearest].astype(np.float32), atol=1e-3)
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-3, 0.01])
+def test_far_unseen_points_are_filled_where_the_released_weights_underflow(sigma: float) -> None:
+    counts = np.zeros(20)
+    counts[0] = 3
+    points = seen(np.full((20, 4), 7.0), counts)
+    np.testing.assert_allclose(run(points, line(20), sigma=sigma), 7.0)
+    released = run(points, line(20), sigma=sigma, **RELEASED)
+    assert (released[-1] == 0).all()
+    np.testing.assert_allclose(released[0], 7.0, rtol=1e-3)
+
+
+def test_only_views_weighting_depends_on_how_many_views_saw_a_point() -> None:
+    points, geodesic = random_case(2)
+    uneven = seen(points.features, points.counts * np.arange(1, 41))
+    once, often = (run(p, geodesic, sigma=0.2) for p in (points, uneven))
+    np.testing.assert_array_equal(once, often)
+    assert not np.allclose(run(points, geodesic, sigma=0.2, weight="views"), run(uneven, geodesic, sigma=0.2, weight="views"), atol=0.01)
+    twice = seen(points.features, points.counts * 2)  # every view doubled
+    for params in ({"weight": "views"}, RELEASED):
+        np.testing.assert_allclose(run(points, geodesic, sigma=0.2, **params), run(twice, geodesic, sigma=0.2, **params), atol=2e-3)
+
+
+def test_views_weighting_is_the_mean_over_all_single_views() -> None:
+    result = run(seen(np.array([[0.0], [1.0]]), np.array([3, 1])), distances(np.zeros((2, 2))), sigma=0.1, weight="views")
+    np.testing.assert_allclose(result, 0.25)
+
+
+@pytest.mark.parametrize("params", [{}, RELEASED], ids=["corrected", "released"])
+def test_linear_in_the_features(params: dict) -> None:
+    points, geodesic = random_case(3)
+    other = seen(np.random.default_rng(4).normal(size=points.features.shape), points.counts)
+    both = seen(points.features.astype(np.float32) + 2 * other.features.astype(np.float32), points.counts)
+    parts = [run(p, geodesic, sigma=0.1, **params) for p in (points, other)]
+    np.testing.assert_allclose(run(both, geodesic, sigma=0.1, **params), parts[0] + 2 * parts[1], atol=0.02)
+
+
+@pytest.mark.parametrize("params", [{}, RELEASED], ids=["corrected", "released"])
+def test_permutation_equivariant(params: dict) -> None:
+    points, geodesic = random_case(5)
+    order = np.random.default_rng(6).permutation(40)
+    moved = seen(points.features[order], points.counts[order])
+    shuffled = distances(geodesic.distances[np.ix_(order, order)])
+    np.testing.assert_allclose(run(moved, shuffled, sigma=0.1, **params), run(points, geodesic, sigma=0.1, **params)[order], atol=2e-3)
+
+
+def test_the_released_loop_depends_on_the_batch_size_and_the_default_does_not() -> None:
+    points, geodesic = random_case(7)
+    few, many = (run(points, geodesic, sigma=0.1, batches=b, **RELEASED) for b in (2, 8))
+    assert np.abs(few - many).max() > 0.1
+    # One smoothing after all views: smoothing what two halves of the views saw, and adding up, is the same.
+    rng = np.random.default_rng(8)
+    halves = [seen(rng.normal(size=(40, 5)), np.ones(40)) for _ in range(2)]
+    together = seen(np.mean([h.features.astype(np.float32) for h in halves], axis=0), np.full(40, 2))
+    apart = np.mean([run(h, geodesic, sigma=0.1) for h in halves], axis=0)
+    np.testing.assert_allclose(run(together, geodesic, sigma=0.1), apart, atol=3e-3)
+
+
+def test_unnormalised_sums_grow_with_density() -> None:
+    at = np.concatenate([np.linspace(0, 0.01, 9), [1.0]])
+    released = run(seen(np.ones((10, 1))), distances(np.abs(at[:, None] - at)), sigma=0.1, normalised=False)
+    assert released[0] > 5 * released[-1]
+
+
+def test_a_part_without_any_seen_point_takes_the_mean() -> None:
+    apart = np.full((3, 3), np.inf)
+    np.fill_diagonal(apart, 0)
+    result = run(seen(np.array([[1.0], [3.0], [0.0]]), np.array([1, 1, 0])), distances(apart), sigma=0.1)
+    np.testing.assert_allclose(result[:, 0], [1, 3, 2])
+
+
+def test_everything_but_the_features_is_kept() -> None:
+    points, geodesic = random_case(9)
+    result = reweight(points, geodesic, ReweightParams())
+    for name in ("counts", "observed", "class_token"):
+        np.testing.assert_array_equal(getattr(result, name), getattr(points, name))
+    assert result.descriptor == "test"
+
+
+def test_errors_say_what_to_do() -> None:
+    points, geodesic = random_case(10)
+    with pytest.raises(ValueError, match="at least one candidate that a view saw"):
+        reweight(seen(np.ones((40, 5)), np.zeros(40)), geodesic, ReweightParams())
+    with pytest.raises(ValueError, match="expected 40 candidates, got 7"):
+        reweight(points, line(7), ReweightParams())
+    with pytest.raises(ValueError, match="lower sigma or batches"):
+        at = np.r_[np.zeros(40), 1 + np.arange(400)]
+        reweight(seen(np.full((440, 1), 3e4)), distances(np.abs(at[:, None] - at)), ReweightParams(normalised=False))
