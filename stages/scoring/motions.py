@@ -20,12 +20,12 @@ def mirror(a: np.ndarray, b: np.ndarray) -> Motion:
 def turn(tuples: list[np.ndarray]) -> Motion:
     """The turn about a vertical axis that takes each point of every tuple to the next, and the last to the first.
 
-    tuples: (m, 3) float64 each, m alike: points in order around the axis, which passes through their mean. An m-th of a full turn,
-    to whichever side fits better.
+    tuples: (m, 3) float64 each, m alike: points in order around the axis, which passes through the median of the tuples' means, so that
+    a wrong tuple does not move it. An m-th of a full turn, to whichever side fits better.
     """
     points = np.concatenate(tuples)
     following = np.concatenate([np.roll(ids, -1, axis=0) for ids in tuples])
-    centre = points.mean(0)
+    centre = np.median([ids.mean(0) for ids in tuples], axis=0)
     angle = 2 * np.pi / len(tuples[0])
     motions = [_about(centre, sign * angle) for sign in (1, -1)]
     return min(motions, key=lambda motion: float(((motion(points) - following) ** 2).sum()))

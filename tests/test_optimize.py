@@ -1,0 +1,298 @@
+"""The optimize stage: what the shots ask for, row by row, and that the target gives it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from schemas.features import GeodesicDistances, PointFeatures
+from schemas.keypoints import Prediction
+from schemas.shape import Keypoints, NormalizedShape
+from stages.optimize import OptimizeParams, optimize
+from stages.solvers.presence import presence
+from stages.solvers.retrieval import retrieve
+from stages.solvers.scaling import scale_distances, scale_features
+from stages.solvers.shots import Shot, combine_shots, smooth_among
+
+Labelled = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
+
+
+def shape_of(points: np.ndarray, scale: float = 1.0) -> NormalizedShape:
+    n = len(points)
+    return NormalizedShape(
+        kind="cloud",
+        vertices=points.astype(np.float32),
+        faces=np.zeros((0, 3), np.int32),
+        points=points.astype(np.float32),
+        point_faces=np.full(n, -1, np.int32),
+        point_barycentrics=np.zeros((n, 3), np.float32),
+        candidates="cloud",
+        center=(0.0, 0.0, 0.0),
+        scale=scale,
+        repairs={},
+    )
+
+
+def features_of(features: np.ndarray, token: np.ndarray | None = None) -> PointFeatures:
+    n = len(features)
+    return PointFeatures(
+        features=features.astype(np.float16),
+        counts=np.ones(n, np.int32),
+        observed=np.ones(n, bool),
+        class_token=None if token is None else token.astype(np.float32),
+        descriptor="test",
+    )
+
+
+def distances_of(distances: np.ndarray) -> GeodesicDistances:
+    return GeodesicDistances(distances=distances.astype(np.float16), components=np.zeros(len(distances), np.int32), method="test")
+
+
+def keypoints_of(ids: list[int], indices: list[int], points: np.ndarray) -> Keypoints:
+    return Keypoints(
+        ids=np.array(ids, np.int32), positions=points[indices].astype(np.float64).reshape(-1, 3), point_indices=np.array(indices, np.int32)
+    )
+
+
+def sphere(seed: int, n: int = 200, channels: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points on a sphere of diameter 1, smooth features of the position, great-circle distances."""
+    random = np.random.default_rng(seed)
+    directions = random.normal(size=(n, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    waves = np.random.default_rng(99).normal(size=(3, channels))
+    angles = np.arccos(np.clip(directions @ directions.T, -1, 1))
+    np.fill_diagonal(angles, 0)
+    return directions / 2, np.sin(2 * directions @ waves) + 5, angles / 2
+
+
+def labelled(seed: int, ids: list[int], indices: list[int], token: np.ndarray | None = None) -> Labelled:
+    points, features, distances = sphere(seed)
+    return shape_of(points), features_of(features, token), distances_of(distances), keypoints_of(ids, indices, points)
+
+
+def solve(target: Labelled, shots: list[Labelled], **params: Any) -> Prediction:
+    columns = [list(column) for column in zip(*shots, strict=True)]
+    return optimize(*target[:3], *columns, OptimizeParams(**params))
+
+
+IDS, AT = [0, 2, 5, 9], [3, 50, 120, 180]
+
+
+@pytest.mark.parametrize("method", ["discrete", "nearest", "hungarian"])
+def test_the_shot_itself_as_target_gives_its_keypoints(method: str) -> None:
+    shot = labelled(0, IDS, AT)
+    found = solve(shot, [shot], method=method)
+    assert found.ids.tolist() == IDS
+    assert found.points.tolist() == AT
+    assert found.objective == pytest.approx(0, abs=1e-3)
+    assert np.array_equal(found.positions, shot[0].points[AT])
+    assert found.present.all()
+    assert (found.method, found.shots) == (method, ["0"])
+
+
+def test_costs_sum_to_the_objective() -> None:
+    found = solve(labelled(1, [], []), [labelled(0, IDS, AT)], method="hungarian")
+    assert found.costs.sum() == pytest.approx(found.objective, rel=1e-5)
+
+
+def test_discrete_is_best_by_the_common_objective() -> None:
+    target, shots = labelled(1, [], []), [labelled(0, IDS, AT), labelled(2, IDS, AT)]
+    reached = {m: solve(target, shots, method=m, alpha=1, steps=200).objective for m in ("discrete", "softmax", "nearest", "hungarian")}
+    assert reached["discrete"] == min(reached.values())
+    with_softmax = solve(target, shots, alpha=1, steps=200, starts=1, softmax_start=True).objective
+    assert with_softmax <= reached["softmax"]
+
+
+def test_order_of_candidates_does_not_matter() -> None:
+    shots = [labelled(0, IDS, AT), labelled(2, IDS, AT)]
+    points, features, distances = sphere(1)
+    order = np.random.default_rng(0).permutation(len(points))
+    plain = (shape_of(points), features_of(features), distances_of(distances), keypoints_of([], [], points))
+    shuffled = (shape_of(points[order]), features_of(features[order]), distances_of(distances[np.ix_(order, order)]), plain[3])
+    assert np.array_equal(solve(plain, shots).positions, solve(shuffled, shots).positions)
+
+
+def test_same_seed_same_prediction() -> None:
+    target, shots = labelled(1, [], []), [labelled(0, IDS, AT)]
+    for method in ("discrete", "softmax"):
+        first, second = (solve(target, shots, method=method, steps=20, seed=5) for _ in range(2))
+        assert np.array_equal(first.points, second.points)
+        assert first.objective == second.objective
+
+
+def test_scales_of_shape_and_features_do_not_matter_by_default() -> None:
+    shots = [labelled(0, IDS, AT)]
+    points, features, distances = sphere(1)
+    plain = (shape_of(points), features_of(features), distances_of(distances), shots[0][3])
+    other = (shape_of(points), features_of(4 * features), distances_of(distances / 4), shots[0][3])
+    assert np.array_equal(solve(plain, shots).points, solve(other, shots).points)
+    assert solve(plain, shots).objective == pytest.approx(solve(other, shots).objective, rel=1e-3)
+    assert solve(other, shots, features="raw").objective > 10 * solve(plain, shots, features="raw").objective
+    assert solve(plain, shots, distances="unit-frame").objective != solve(other, shots, distances="unit-frame").objective
+
+
+# rows of the table of differences
+
+
+def shot(name: str, ids: list[int], features: list[float], distances: np.ndarray) -> Shot:
+    return Shot(name, np.array(ids, np.int32), np.array(features, np.float32)[:, None], distances.astype(np.float32))
+
+
+def line(*places: float) -> np.ndarray:
+    return np.abs(np.subtract.outer(places, places))
+
+
+def test_averages_are_per_id_and_per_pair() -> None:
+    template = combine_shots([shot("a", [7, 1], [2, 4], line(0, 0.5)), shot("b", [1, 3, 7], [6, 8, 4], line(0, 0.1, 0.3))])
+    assert template.ids.tolist() == [1, 3, 7]
+    assert template.counts.tolist() == [2, 1, 2]
+    assert template.features[:, 0].tolist() == [5, 8, 3]
+    assert np.allclose(template.distances, [[0, 0.1, 0.4], [0.1, 0, 0.2], [0.4, 0.2, 0]])
+
+
+def test_summed_distances_are_the_mean_times_the_number_of_shots() -> None:
+    shots = [shot("a", [0, 1, 2], [1, 2, 3], line(0, 0.2, 0.5)), shot("b", [0, 1, 2], [3, 2, 1], line(0, 0.4, 0.6))]
+    mean, total = combine_shots(shots), combine_shots(shots, "sum_distances")
+    assert np.allclose(total.distances, 2 * mean.distances)
+    assert np.array_equal(total.features, mean.features)
+
+
+def test_masks_differ_on_unseen_and_coincident_pairs_and_on_the_diagonal() -> None:
+    shots = [shot("a", [0, 1, 2], [0, 0, 0], line(0, 0, 0.5)), shot("b", [0, 3], [0, 0], line(0, 0.4))]
+    masks = {mask: combine_shots(shots, mask=mask).mask for mask in ("pairs", "positive", "whole")}  # type: ignore[arg-type]
+    for mask in masks.values():
+        assert not mask[1, 3]  # never seen together
+        assert mask[0, 2]
+        assert mask[0, 3]
+        assert np.array_equal(mask, mask.T)
+    assert [bool(masks[m][0, 1]) for m in ("pairs", "positive", "whole")] == [True, False, True]  # coincide
+    assert [bool(masks[m][0, 0]) for m in ("pairs", "positive", "whole")] == [False, False, True]
+
+
+def test_unreachable_pairs_of_a_shot_are_not_observed() -> None:
+    apart = line(0, 0.5)
+    apart[0, 1] = apart[1, 0] = np.inf
+    both = combine_shots([shot("a", [0, 1], [0, 0], apart), shot("b", [0, 1], [0, 0], line(0, 0.3))])
+    assert both.distances[0, 1] == pytest.approx(0.3)
+    assert not combine_shots([shot("a", [0, 1], [0, 0], apart)]).mask.any()
+
+
+def test_unreachable_pairs_of_the_target_count_as_its_largest_distance() -> None:
+    points, features, distances = sphere(1)
+    distances[:100, 100:] = distances[100:, :100] = np.inf
+    target = (shape_of(points), features_of(features), distances_of(distances), keypoints_of([], [], points))
+    found = solve(target, [labelled(0, IDS, AT)])
+    assert np.isfinite(found.objective)
+
+
+def test_smoothing_among_keypoints_mixes_near_ones_only() -> None:
+    features = np.array([[0.0], [1.0], [5.0]], np.float32)
+    assert np.allclose(smooth_among(features, line(0, 1e-6, 10), 0.1), [[0.5], [0.5], [5]], atol=1e-4)
+    assert np.allclose(smooth_among(features, line(0, 1, 10), 0.01), features)
+    near = labelled(0, [0, 1, 2, 3], AT)
+    found = [solve(near, [near], source_features=source, source_sigma=0.5).objective for source in ("cloud", "keypoints")]
+    assert found[0] == pytest.approx(0, abs=1e-3)
+    assert found[1] > 0.1
+
+
+def test_feature_scales() -> None:
+    features = np.random.default_rng(0).normal(3, 2, (500, 8))
+    assert np.allclose(scale_features(features, "raw"), features, atol=1e-5)
+    assert np.allclose(scale_features(features, "centred").mean(0), 0, atol=1e-5)
+    assert np.allclose(np.linalg.norm(scale_features(features, "centred-unit"), axis=1), 1, atol=1e-5)
+    standard = scale_features(features, "standardised")
+    assert np.allclose(standard.std(0), 1 / np.sqrt(8), atol=1e-5)
+    assert (standard**2).sum(1).mean() == pytest.approx(1, abs=1e-4)
+    constant = np.ones((5, 3))
+    for how in ("centred", "centred-unit", "standardised"):
+        assert not scale_features(constant, how).any()  # type: ignore[arg-type]
+
+
+def test_feature_statistics_come_from_observed_points() -> None:
+    features = np.concatenate([np.random.default_rng(0).normal(size=(50, 4)), np.full((50, 4), 100.0)])
+    observed = np.arange(100) < 50
+    assert np.allclose(scale_features(features, "centred", observed)[:50].mean(0), 0, atol=1e-5)
+
+
+def test_distance_scales() -> None:
+    distances = line(0, 0.5, 2)
+    distances[0, 2] = distances[2, 0] = np.inf
+    assert scale_distances(distances, "largest")[1, 2] == 1
+    assert np.isinf(scale_distances(distances, "largest")[0, 2])
+    assert scale_distances(distances, "unit-frame")[1, 2] == 1.5
+    assert not scale_distances(np.zeros((3, 3)), "largest").any()
+
+
+def test_retrieval_takes_the_shot_with_the_nearest_class_token() -> None:
+    tokens = [np.eye(12)[0], np.eye(12)[1], 3 * np.eye(12)[1] + 0.3 * np.eye(12)[2]]
+    shots = [labelled(i, [i, 8], AT[:2], token) for i, token in enumerate(tokens)]
+    found = solve(labelled(5, [], [], np.eye(12)[1] + 0.1 * np.eye(12)[2]), shots, retrieval=True)
+    assert found.shots == ["2"]
+    assert found.ids.tolist() == [2, 8]
+
+
+def test_retrieval_without_class_tokens_compares_mean_features() -> None:
+    means = [[1.0, 0], [0, 1.0], [1, 1.0]]
+    assert retrieve(features_of(np.tile([2.0, 1.9], (4, 1))), [features_of(np.tile(mean, (3, 1))) for mean in means]) == 2
+
+
+def test_presence_by_majority() -> None:
+    shots = [labelled(i, ids, AT[: len(ids)]) for i, ids in enumerate([[0, 1], [0, 2], [0, 1]])]
+    assert solve(labelled(4, [], []), shots).present.all()
+    assert solve(labelled(4, [], []), shots, presence="majority").present.tolist() == [True, True, False]
+    with pytest.raises(ValueError, match="expected a cost for each of 1 ids, got 2"):
+        presence(np.zeros(2), combine_shots([shot("a", [0], [0], line(0))]), "all")
+
+
+# what is wrong is said
+
+
+def test_shots_without_common_ids() -> None:
+    shots = [labelled(0, [0, 1], [3, 4]), labelled(2, [2, 3], [3, 4])]
+    with pytest.raises(ValueError, match=r"an id that two of them share, got ids shot 0: \[0, 1\]; shot 1: \[2, 3\]"):
+        solve(labelled(1, [], []), shots)
+
+
+def test_shots_without_keypoints() -> None:
+    with pytest.raises(ValueError, match="expected at least one keypoint, got none"):
+        solve(labelled(1, [], []), [labelled(0, [], []), labelled(2, [], [])])
+
+
+def test_one_shot_without_keypoints_among_others_is_no_error() -> None:
+    assert solve(labelled(1, [], []), [labelled(0, [], []), labelled(2, IDS, AT), labelled(3, IDS, AT)]).ids.tolist() == IDS
+
+
+def test_features_of_different_encoders() -> None:
+    points, features, distances = sphere(3, channels=5)
+    other = (shape_of(points), features_of(features), distances_of(distances), keypoints_of(IDS, AT, points))
+    with pytest.raises(ValueError, match="expected 5 channels as the shots have, got 12"):
+        solve(labelled(1, [], []), [other])
+    with pytest.raises(ValueError, match="as many channels in every shot"):
+        solve(labelled(1, [], []), [other, labelled(0, IDS, AT)])
+    with pytest.raises(ValueError, match="of one length"):
+        solve(labelled(1, [], []), [other, labelled(0, IDS, AT)], retrieval=True)
+
+
+def test_features_that_do_not_fit_the_candidates_or_are_no_numbers() -> None:
+    target, one = labelled(1, [], []), labelled(0, IDS, AT)
+    with pytest.raises(ValueError, match="the target: expected features and distances of its 200 candidates, got 10"):
+        solve((target[0], features_of(np.ones((10, 12))), *target[2:]), [one])
+    broken = np.ones((200, 12))
+    broken[3] = np.nan
+    with pytest.raises(ValueError, match="shot 0: expected finite features"):
+        solve(target, [(one[0], features_of(broken), *one[2:])])
+
+
+def test_keypoint_beyond_the_cloud() -> None:
+    points = sphere(0)[0]
+    wrong = Keypoints(ids=np.array([0], np.int32), positions=points[:1].astype(float), point_indices=np.array([4000], np.int32))
+    with pytest.raises(ValueError, match="shot 0: expected a point index below 200, got 4000"):
+        solve(labelled(1, [], []), [(*labelled(0, [], [])[:3], wrong)])
+
+
+def test_nearest_cannot_keep_candidates_apart() -> None:
+    with pytest.raises(ValidationError, match='use "hungarian"'):
+        OptimizeParams(method="nearest", one_to_one=True)
