@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 from potpourri3d import MeshHeatMethodDistanceSolver, PointCloudHeatSolver
-from scipy.sparse import csr_matrix
 
+from stages.geodesics.connectivity import face_components, weld
 from stages.geodesics.graph import edge_graph, label_components, neighbour_edges
 from stages.geodesics.insertion import insert_points
 
@@ -34,10 +34,8 @@ def mesh_distances(
         distances (n, n) float32, inf between components and NaN within one that could not be solved, and components
         (n,) int32: the connected part of the mesh each point is on, 0 … c-1.
     """
-    places, welded = np.unique(vertices.astype(np.float64), axis=0, return_inverse=True)
-    faces = welded.ravel()[faces]
-    everywhere = label_components(_corner_graph(len(places), faces))
-    of_face = everywhere[faces[:, 0]]
+    places, faces = weld(vertices, faces)
+    of_face = face_components(len(places), faces)
     components = np.unique(of_face[point_faces], return_inverse=True)[1].ravel().astype(np.int32)
     distances = np.full((len(point_faces), len(point_faces)), np.inf, dtype=np.float32)
     for component in range(int(components.max()) + 1):
@@ -67,11 +65,6 @@ def cloud_distances(points: np.ndarray, neighbors: int) -> tuple[np.ndarray, np.
         used, compact = np.unique(at.ravel()[members], return_inverse=True)
         distances[np.ix_(members, members)] = _solve(PointCloudHeatSolver, (places[used],), compact.ravel(), FEWEST)
     return distances, components
-
-
-def _corner_graph(count: int, faces: np.ndarray) -> csr_matrix:
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
-    return edge_graph(count, edges, np.ones(len(edges)))
 
 
 def _solve(solver: type, geometry: tuple[np.ndarray, ...], at: np.ndarray, fewest: int = 1) -> np.ndarray:

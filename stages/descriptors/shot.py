@@ -1,0 +1,92 @@
+"""SHOT: signatures of histograms of orientations (Salti, Tombari, Di Stefano 2014), our own implementation.
+
+Each point has a repeatable frame from its neighbourhood; the ball around it is cut into 8 azimuths × 2 elevations ×
+2 shells, each holding a histogram of 11 bins over the cosine between the neighbours' normals and the frame's z axis.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+AZIMUTHS, ELEVATIONS, SHELLS, COSINES = 8, 2, 2, 11
+CHANNELS = AZIMUTHS * ELEVATIONS * SHELLS * COSINES
+FEWEST = 5
+"""Neighbours below which a point has no frame."""
+
+
+def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """SHOT descriptors of all points of a cloud, with the cloud itself as support.
+
+    Args:
+        points: (n, 3) float.
+        radius: of the support, in the points' unit.
+        normals: (n, 3) of unit length and consistent side; without, the z axes of the points' own frames.
+
+    Returns:
+        descriptors (n, 352) float64 of unit length, and defined (n,) bool: False (and zeros) with fewer than 5 neighbours.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    centers, others, distances = _pairs(points, radius)
+    offsets = points[others] - points[centers]
+    frames = local_frames(len(points), centers, offsets, distances, radius)
+    normals = frames[:, 2] if normals is None else normals
+    local = np.einsum("pax,px->pa", frames[centers], offsets)  # (p, 3): along x, y, z of the centre's frame
+    cosines = np.einsum("px,px->p", frames[centers, 2], normals[others]).clip(-1, 1)
+
+    azimuth = (np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi) % 1.0) * AZIMUTHS
+    elevation = np.arccos((local[:, 2] / distances).clip(-1, 1)) / np.pi * ELEVATIONS
+    shares = [
+        _between(azimuth, AZIMUTHS, wraps=True),
+        _between(elevation, ELEVATIONS),
+        _between(distances / radius * SHELLS, SHELLS),
+        _between((1 + cosines) / 2 * COSINES, COSINES),
+    ]
+    histograms = np.zeros(len(points) * CHANNELS)
+    for corner in product((0, 1), repeat=4):  # quadrilinear: every neighbour counts in 16 cells
+        cell, weight = centers, 1.0
+        for side, (bins, weights), size in zip(corner, shares, (AZIMUTHS, ELEVATIONS, SHELLS, COSINES), strict=True):
+            cell, weight = cell * size + bins[side], weight * weights[side]
+        histograms += np.bincount(cell, weight, len(histograms))
+    histograms = histograms.reshape(len(points), CHANNELS)
+    defined = np.bincount(centers, minlength=len(points)) >= FEWEST
+    lengths = np.linalg.norm(histograms, axis=1, keepdims=True)
+    return np.divide(histograms, lengths, out=np.zeros_like(histograms), where=(lengths > 0) & defined[:, None]), defined
+
+
+def local_frames(count: int, centers: np.ndarray, offsets: np.ndarray, distances: np.ndarray, radius: float) -> np.ndarray:
+    """Repeatable local reference frames (count, 3, 3) float64, rows x, y, z, right-handed (Salti et al. 2014, section 3).
+
+    Axes are those of the covariance weighted by (radius - distance), largest to smallest; x and z point to where more
+    neighbours are (by their summed offsets, where that is even). Neighbour p of point centers[p] is at offsets[p] (p, 3).
+    """
+    weights = radius - distances
+    products = weights[:, None] * (offsets[:, :, None] * offsets[:, None]).reshape(-1, 9)
+    covariances = np.stack([np.bincount(centers, products[:, i], count) for i in range(9)], axis=1).reshape(-1, 3, 3)
+    axes = np.linalg.eigh(covariances)[1].transpose(0, 2, 1)[:, ::-1]  # rows, largest first
+    along = np.einsum("pax,px->pa", axes[centers][:, ::2], offsets)  # (p, 2): along x and z
+    majority = np.stack([np.bincount(centers, np.sign(along[:, i]).round(), count) for i in range(2)], axis=1)
+    leaning = np.stack([np.bincount(centers, along[:, i], count) for i in range(2)], axis=1)
+    signs = np.where(np.where(majority == 0, leaning, majority) < 0, -1.0, 1.0)
+    x, z = axes[:, 0] * signs[:, :1], axes[:, 2] * signs[:, 1:]
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _pairs(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Every point with every other place within the radius: centres (p,), others (p,), distances (p,) > 0."""
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    centers, others = np.concatenate([pairs, pairs[:, ::-1]]).T
+    distances = np.linalg.norm(points[others] - points[centers], axis=1)
+    apart = distances > 0
+    return centers[apart], others[apart], distances[apart]
+
+
+def _between(at: np.ndarray, size: int, wraps: bool = False) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """The two bins whose centres enclose `at` (in bins), and their linear shares; beyond the outer centres, one has all."""
+    lower = np.floor(at - 0.5).astype(np.int64)
+    share = at - 0.5 - lower
+    bins = (lower, lower + 1)
+    bins = tuple(b % size for b in bins) if wraps else tuple(b.clip(0, size - 1) for b in bins)
+    return bins, (1 - share, share)  # type: ignore[return-value]
