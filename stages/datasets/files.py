@@ -14,7 +14,7 @@ HEAD = 1 << 16
 
 
 def walk(root: Path) -> dict[str, str]:
-    """All files below `root`: path → place below the root with `/`. Hidden ones are passed over, links followed once."""
+    """All files below `root`, sorted: path → place below the root with `/`. Hidden ones are passed over, links followed once."""
     files: dict[str, str] = {}
     folders = [(str(root), "")]
     linked: set[str] = set()
@@ -31,7 +31,7 @@ def walk(root: Path) -> dict[str, str]:
                 if target is None or target not in linked:
                     folders.append((entry.path, f"{place}{entry.name}/"))
                     linked.update([target] if target else [])
-    return files
+    return dict(sorted(files.items()))
 
 
 class Listing:

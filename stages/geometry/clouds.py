@@ -65,7 +65,7 @@ def read_xyz(data: bytes) -> Cloud:
 
     Lines that begin with a letter or `#`, and a first line that holds only the count, are skipped. Raises MalformedError.
     """
-    text = re.sub(rb"(?m)^[A-Za-z/][^\n]*\n", b"", uncommented(plain(data).replace(b",", b" ").replace(b";", b" ")))
+    text = re.sub(rb"(?mi)^(?!nan|inf)[a-z/][^\n]*\n", b"", uncommented(plain(data).replace(b",", b" ").replace(b";", b" ")))
     text = re.sub(rb"\A\s*\d+ *\n", b"", text)
     text = re.sub(rb"\n\s*\n", b"\n", text).lstrip()
     widths = tokens_per_line(text)
@@ -79,7 +79,8 @@ def read_xyz(data: bytes) -> Cloud:
 
 
 def read_npz(data: bytes) -> Cloud:
-    """An NPZ file: the array named points, xyz, vertices, pos, pc or cloud, else its only (n, 3 or more) array of numbers.
+    """An NPZ file: the array named points, xyz, vertices, pos, pc or cloud, else its only (n, 3 or more) array of numbers that
+    is not called after colours, normals or faces.
 
     Colours (n, 3) are read from colors, rgb or vertex_colors. Pickled objects are never loaded. Raises MalformedError.
     """
@@ -88,7 +89,8 @@ def read_npz(data: bytes) -> Cloud:
             arrays = {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as error:
         raise MalformedError("file: expected an npz archive of plain arrays, got something else; write it with numpy.savez") from error
-    usable = {name: a for name, a in arrays.items() if a.ndim == 2 and a.shape[1] >= 3 and a.dtype.kind in "fiu"}
+    others = (*COLOR_KEYS, "normals", "faces")
+    usable = {name: a for name, a in arrays.items() if a.ndim == 2 and a.shape[1] >= 3 and a.dtype.kind in "fiu" and name not in others}
     name = next((key for key in POINT_KEYS if key in usable), next(iter(usable)) if len(usable) == 1 else None)
     if name is None:
         got = ", ".join(f"{key} {a.shape}" for key, a in arrays.items()) or "none"

@@ -1,0 +1,423 @@
+"""Readers: vertices in the file's order, polygons as fans, colours and textures right, every bad file a clear ValueError."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from schemas.shape import NormalizedShape, Source
+from stages.geometry.loading import load
+from stages.geometry.surface import Cloud, Surface
+from stages.normalize import NormalizeParams, normalize
+from tests.shared_data import shared
+
+SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 1.5, 0]]
+
+
+def surface(data: bytes, name: str, **files: bytes) -> Surface:
+    loaded = load("class/shape", {name: data, **files}, name)
+    assert isinstance(loaded, Surface)
+    return loaded
+
+
+def cloud(data: bytes, name: str) -> Cloud:
+    loaded = load("class/shape", {name: data}, name)
+    assert isinstance(loaded, Cloud)
+    return loaded
+
+
+def fan(polygons: list[list[int]]) -> list[list[int]]:
+    return [[p[0], p[i], p[i + 1]] for p in polygons for i in range(1, len(p) - 1)]
+
+
+# --- meshes: order, polygons, dialects -------------------------------------------------------------------------------
+
+
+@st.composite
+def polygon_meshes(draw: st.DrawFn) -> tuple[np.ndarray, list[list[int]]]:
+    count = draw(st.integers(3, 12))
+    vertices = np.array(draw(st.lists(st.tuples(*[st.integers(-999, 999)] * 3), min_size=count, max_size=count)), np.float64) / 8
+    polygons = draw(st.lists(st.lists(st.integers(0, count - 1), min_size=3, max_size=6), min_size=1, max_size=8))
+    return vertices, polygons
+
+
+def obj(vertices: np.ndarray, polygons: list[list[int]], style: str, relative: bool, end: str) -> bytes:
+    """An OBJ whose corners are all written in one style (`v`, `v/t`, `v//n`, `v/t/n`) or in all of them in turn."""
+    lines = ["# made by a test", "mtllib none.mtl"]
+    lines += [f"v {x:.17g} {y:.17g}\t{z:.17g}" for x, y, z in vertices]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vn 0 0 1", "usemtl a"]
+    for i, polygon in enumerate(polygons):
+        words = []
+        for j, v in enumerate(polygon):
+            index = v - len(vertices) if relative else v + 1
+            t = -1 - (i + j) % 3 if relative else 1 + (i + j) % 3
+            kind = style if style != "mixed" else ("v", "v/t", "v//n", "v/t/n")[(i + j) % 4]
+            words.append({"v": f"{index}", "v/t": f"{index}/{t}", "v//n": f"{index}//1", "v/t/n": f"{index}/{t}/1"}[kind])
+        lines += [f"usemtl m{i % 2}", "  f " + (" \\\n " if i == 0 else " ").join(words) + ("  # remark" if i == 1 else " ")]
+    return end.join(lines).replace("\\\n", "\\" + end).encode()
+
+
+@settings(max_examples=60, deadline=None)
+@given(polygon_meshes(), st.sampled_from(["v", "v/t", "v//n", "v/t/n", "mixed"]), st.booleans(), st.sampled_from(["\n", "\r\n"]))
+def test_obj_keeps_its_v_lines_in_every_dialect(mesh: tuple[np.ndarray, list[list[int]]], style: str, relative: bool, end: str) -> None:
+    vertices, polygons = mesh
+    read = surface(obj(vertices, polygons, style, relative, end), "mesh.obj")
+    np.testing.assert_array_equal(read.vertices, vertices)
+    np.testing.assert_array_equal(read.faces, fan(polygons))
+
+
+def ply(vertices: np.ndarray, polygons: list[list[int]], encoding: str, double: bool = False) -> bytes:
+    """A PLY with a leading element to pass over, a property behind the coordinates, and one before and one behind the list."""
+    order = ">" if "big" in encoding else "<"
+    real, name = ("f8", "double") if double else ("f4", "float")
+    header = f"ply\nformat {encoding} 1.0\ncomment made by a test\nelement camera 1\nproperty int mode\n"
+    header += f"element vertex {len(vertices)}\n" + "".join(f"property {name} {axis}\n" for axis in "xyz") + "property uchar quality\n"
+    header += f"element face {len(polygons)}\nproperty uchar flags\nproperty list uchar int vertex_indices\n"
+    header += "property short group\nend_header\n"
+    if encoding == "ascii":
+        rows = ["7", *(f"{x:.9g} {y:.9g} {z:.9g} 3" for x, y, z in vertices)]
+        rows += [f"1 {len(p)} {' '.join(map(str, p))} -2" for p in polygons]
+        return (header + "\n".join(rows) + "\n").encode()
+    body = np.array([7], order + "i4").tobytes()
+    for v in vertices:
+        body += v.astype(order + real).tobytes() + b"\x03"
+    for p in polygons:
+        body += b"\x01" + bytes([len(p)]) + np.array(p, order + "i4").tobytes() + np.array([-2], order + "i2").tobytes()
+    return header.encode() + body
+
+
+@settings(max_examples=60, deadline=None)
+@given(polygon_meshes(), st.sampled_from(["ascii", "binary_little_endian", "binary_big_endian"]), st.booleans())
+def test_ply_of_mixed_polygons(mesh: tuple[np.ndarray, list[list[int]]], encoding: str, double: bool) -> None:
+    vertices, polygons = mesh
+    read = surface(ply(vertices, polygons, encoding, double), "mesh.ply")
+    np.testing.assert_array_equal(read.vertices, vertices)
+    np.testing.assert_array_equal(read.faces, fan(polygons))
+
+
+@settings(max_examples=40, deadline=None)
+@given(polygon_meshes(), st.sampled_from(["OFF\n", "OFF ", "OFF", "# remark\nOFF\n\n", "COFF\n"]))
+def test_off_of_mixed_polygons(mesh: tuple[np.ndarray, list[list[int]]], head: str) -> None:
+    vertices, polygons = mesh
+    color = " 255 0 9 255" if head.startswith("C") else ""
+    lines = [f"{head}{len(vertices)} {len(polygons)} 0"] + [f"{x:.17g} {y:.17g} {z:.17g}{color}" for x, y, z in vertices]
+    lines += [f"{len(p)} {' '.join(map(str, p))} 0.5 0.5 0.5" for p in polygons]
+    read = surface("\n".join(lines).encode(), "mesh.off")
+    np.testing.assert_array_equal(read.vertices, vertices)
+    np.testing.assert_array_equal(read.faces, fan(polygons))
+    if color:
+        assert read.vertex_colors is not None
+        assert (read.vertex_colors == [255, 0, 9]).all()
+
+
+@pytest.mark.parametrize("suffix", ["ply", "obj", "off", "stl", "glb"])
+def test_what_trimesh_writes(suffix: str) -> None:
+    """The same triangles in the same places, whatever the format."""
+    mesh = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=7)
+    read = surface(mesh.export(file_type=suffix) if suffix not in ("obj", "off") else mesh.export(file_type=suffix).encode(), f"m.{suffix}")
+    np.testing.assert_allclose(read.vertices[read.faces], mesh.triangles, atol=1e-6)
+    if suffix != "stl":  # STL has no shared vertices
+        np.testing.assert_allclose(read.vertices, mesh.vertices, atol=1e-6)
+
+
+def test_glb_scene_applies_transforms_and_keeps_outside_out() -> None:
+    box = trimesh.creation.box()
+    mirror = np.diag([-1.0, 1, 1, 1])
+    mirror[0, 3] = 5
+    scene = trimesh.Scene()
+    scene.add_geometry(box, node_name="a")
+    scene.add_geometry(box, node_name="b", transform=mirror)
+    read = surface(scene.export(file_type="glb"), "scene.glb")
+    assert read.vertices.shape == (16, 3)
+    both = trimesh.Trimesh(read.vertices, read.faces, process=False)
+    np.testing.assert_allclose(both.bounds, [[-0.5, -0.5, -0.5], [5.5, 0.5, 0.5]])
+    assert both.volume == pytest.approx(2)  # an inside-out box would count negative
+
+
+def test_gltf_with_files_beside_it() -> None:
+    files = {name: bytes(data) for name, data in trimesh.creation.box().export(file_type="gltf").items()}
+    read = load("s", files, "model.gltf")
+    assert isinstance(read, Surface)
+    assert read.faces.shape == (12, 3)
+
+
+def test_obj_beside_trimesh_on_real_textured_meshes() -> None:
+    """trimesh renumbers, but must see the same triangles in space."""
+    for name in ("bedsideTable2", "deckChair", "couch2"):
+        path = shared(f"textured/sweethome3d/{name}/{name}.obj")
+        read = surface(path.read_bytes(), "mesh.obj")
+        written = [line.split()[1:4] for line in path.read_text().splitlines() if line.startswith("v ")]
+        np.testing.assert_array_equal(read.vertices, np.array(written, np.float64))
+        theirs = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
+        ours = np.sort(read.vertices[read.faces].mean(axis=1).round(6), axis=0)
+        np.testing.assert_allclose(ours, np.sort(theirs.triangles.mean(axis=1).round(6), axis=0), atol=2e-6)
+
+
+# --- clouds ----------------------------------------------------------------------------------------------------------
+
+POINTS = np.array([[0.5, -1.25, 2], [3, 4, 5], [-0.125, 0, 1e-3], [7, 8, 9]])
+COLORS = np.array([[255, 0, 1], [2, 3, 4], [0, 0, 0], [255, 255, 255]], np.uint8)
+PACKED = COLORS.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+
+
+def pcd(encoding: str, kind: str) -> bytes:
+    head = f"# .PCD v.7\nVERSION .7\nFIELDS x y z _ rgb\nSIZE 4 4 4 1 4\nTYPE F F F U {kind}\nCOUNT 1 1 1 2 1\n"
+    head += f"WIDTH 4\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 4\nDATA {encoding}\n"
+    if encoding == "binary":
+        rows = np.zeros(4, [("p", "<f4", 3), ("pad", "u1", 2), ("rgb", "<u4")])
+        rows["p"], rows["rgb"] = POINTS, PACKED
+        return head.encode() + rows.tobytes()
+    rgb = PACKED.view(np.float32) if kind == "F" else PACKED
+    return (head + "".join(f"{x} {y} {z} 0 0 {c!s}\n" for (x, y, z), c in zip(POINTS, rgb, strict=True))).encode()
+
+
+def npz(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (pcd("ascii", "U"), "c.pcd"),
+        (pcd("ascii", "F"), "c.pcd"),
+        (pcd("binary", "U"), "c.pcd"),
+        (pcd("binary", "F"), "c.pcd"),
+        (npz(points=POINTS, colors=COLORS), "c.npz"),
+        (npz(anything=np.hstack([POINTS, POINTS]), rgb=COLORS / 255), "c.npz"),
+        ("\n".join(" ".join(map(str, [*p, *c])) for p, c in zip(POINTS, COLORS, strict=True)).encode(), "c.xyz"),
+        (b"x,y,z,r,g,b\n" + b"\r\n".join(",".join(map(str, [*p, *c])).encode() for p, c in zip(POINTS, COLORS, strict=True)), "c.xyz"),
+        (trimesh.PointCloud(POINTS, COLORS).export(file_type="ply"), "c.ply"),
+        (trimesh.PointCloud(POINTS, COLORS).export(file_type="glb"), "c.glb"),
+        ("\n".join("v " + " ".join(map(str, [*p, *(c / 255)])) for p, c in zip(POINTS, COLORS, strict=True)).encode(), "c.obj"),
+    ],
+)
+def test_clouds_keep_order_and_colors(data: bytes, name: str) -> None:
+    read = cloud(data, name)
+    np.testing.assert_allclose(read.points, POINTS, rtol=1e-6)
+    assert read.colors is not None
+    if not (name == "c.pcd" and b"TYPE F F F U F" in data and b"ascii" in data):  # a float's text may lose the packed bits
+        np.testing.assert_array_equal(read.colors, COLORS)
+
+
+def test_xyz_with_normals_has_no_colors() -> None:
+    assert cloud(b"4\n0 0 0 0 0 1\n1 0 0 0 1 0\n0 1 0 1 0 0\n0 0 1 0 0.6 0.8\n", "c.xyz").colors is None
+    assert len(cloud(b"4\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n", "c.xyz").points) == 4
+
+
+def test_nan_and_infinity_are_numbers() -> None:
+    read = surface(b"v nan 0 0\nv 1 -inf 0\nv 0 1 -1.#IND\nv 0 0 0\nf 1 2 3\n", "m.obj")
+    assert np.isfinite(read.vertices).tolist() == [[False, True, True], [True, False, True], [True, True, False], [True] * 3]
+
+
+# --- bad files -------------------------------------------------------------------------------------------------------
+
+TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "name", "words"),
+    [
+        (b"", "m.obj", "empty file"),
+        (b" \n", "m.ply", "empty file"),
+        (b"# nothing\n", "m.obj", "neither"),
+        (TRIANGLE + b"f 1 2 4\n", "m.obj", r"face 0: expected vertex indices from 0 to 2, got 3"),
+        (TRIANGLE + b"f 1 2 3\nf 1 2 -4\n", "m.obj", r"face 1: expected vertex indices from 0 to 2"),
+        (TRIANGLE + b"f 0 1 2\n", "m.obj", r"got -1"),
+        (TRIANGLE + b"f 1 2 x\n", "m.obj", r"expected numbers, got 'x'"),
+        (TRIANGLE + b"v 1 2\nf 1 2 3\n", "m.obj", "vertex 3: expected 3 coordinates, got 2"),
+        (b"not a mesh", "m.ply", "header"),
+        (ply(np.array(SQUARE), [[0, 1, 2], [2, 3, 9]], "ascii"), "m.ply", r"face 1: .* got 9"),
+        (ply(np.array(SQUARE), [[0, 1, 2, 3], [2, 3, -1]], "binary_little_endian"), "m.ply", r"face 2: .* got -1"),
+        (ply(np.array(SQUARE), [[0, 1, 2]], "binary_little_endian")[:-9], "m.ply", "ends before"),
+        (ply(np.array(SQUARE), [[0, 1, 2]], "ascii")[:-12], "m.ply", "ends before"),
+        (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "m.off", r"face 0: .* got 3"),
+        (b"OFF\n3 1 0\n0 0 0\n1 0 0\n", "m.off", "expected 3 vertices and 1 faces, got 2 lines"),
+        (b"OFF\n0 0 0\n", "m.off", "neither"),
+        (b"garbage that is no stl", "m.stl", "m.stl"),
+        (b"garbage that is no glb", "m.glb", "readable glb"),
+        (pcd("ascii", "U")[:-20], "c.pcd", "expected 4 rows of 6 numbers"),
+        (pcd("binary", "U")[:-1], "c.pcd", "expected 72 bytes, got 71"),
+        (pcd("ascii", "U").replace(b"DATA ascii", b"DATA binary_compressed"), "c.pcd", "binary_compressed; convert it"),
+        (b"PK nonsense", "c.npz", "npz archive"),
+        (npz(points=np.zeros((4, 2))), "c.npz", r"got points \(4, 2\)"),
+        (b"1 2\n3 4\n", "c.xyz", "lines of x y z"),
+        (b"hello", "m.doc", "expected one of .ply"),
+    ],
+)
+def test_bad_files_are_clear_errors(data: bytes, name: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words) as error:
+        load("chair/one", {name: data}, name)
+    assert str(error.value).startswith("chair/one: ")
+    assert "; " in str(error.value), "says what to do"
+
+
+def test_pickled_arrays_are_never_loaded() -> None:
+    with pytest.raises(ValueError, match="plain arrays"):
+        load("s", {"c.npz": npz(points=np.array([{}], object))}, "c.npz")
+
+
+FORMATS: dict[str, Callable[[], bytes]] = {
+    "m.obj": lambda: obj(np.array(SQUARE), [[0, 1, 2, 3], [2, 3, 4]], "mixed", False, "\n"),
+    "a.ply": lambda: ply(np.array(SQUARE), [[0, 1, 2, 3], [2, 3, 4]], "ascii"),
+    "b.ply": lambda: ply(np.array(SQUARE), [[0, 1, 2, 3], [2, 3, 4]], "binary_little_endian"),
+    "m.off": lambda: b"OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 1 2 3\n",
+    "m.stl": lambda: trimesh.creation.box().export(file_type="stl"),
+    "m.glb": lambda: trimesh.creation.box().export(file_type="glb"),
+    "a.pcd": lambda: pcd("ascii", "U"),
+    "b.pcd": lambda: pcd("binary", "U"),
+    "c.npz": lambda: npz(points=POINTS, colors=COLORS),
+    "c.xyz": lambda: b"0 0 0\n1 0 0\n0 1 0\n",
+}
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(sorted(FORMATS)), st.data())
+def test_any_damage_is_read_or_a_value_error(name: str, data: st.DataObject) -> None:
+    """Cut, flipped, inserted bytes: a result with faces in range, or a ValueError that names the shape; nothing else."""
+    whole = bytearray(FORMATS[name]())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, max(len(whole) - 1, 0)))
+        kind = data.draw(st.sampled_from(["cut", "set", "insert", "digit"]))
+        if kind == "cut":
+            del whole[at:]
+        elif kind == "insert":
+            whole[at:at] = data.draw(st.binary(max_size=5))
+        elif len(whole) > at:
+            whole[at] = data.draw(st.integers(0, 255) if kind == "set" else st.sampled_from(b"0123456789- \n.e"))
+    try:
+        read = load("chair/one", {name: bytes(whole)}, name)
+    except ValueError as error:
+        assert str(error).startswith("chair/one: ")
+    else:
+        if isinstance(read, Surface):
+            assert len(read.faces) == 0 or (read.faces.min() >= 0 and read.faces.max() < len(read.vertices))
+
+
+# --- colours and textures --------------------------------------------------------------------------------------------
+
+SHADES = np.stack(np.broadcast_arrays(np.arange(64)[None, :] * 4, np.arange(48)[:, None] * 5, 90), axis=2).astype(np.uint8)
+"""Red grows to the right, green downwards."""
+
+
+def png(image: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "png")
+    return buffer.getvalue()
+
+
+def seen(shape: NormalizedShape, face: int, barycentrics: tuple[float, float, float]) -> np.ndarray:
+    """The texture's colour at a place on a face, as a renderer looks it up."""
+    assert shape.face_uvs is not None
+    assert shape.texture is not None
+    height, width = shape.texture.shape[:2]
+    u, v = np.array(barycentrics) @ shape.face_uvs[face]
+    return shape.texture[min(int((1 - v) * height), height - 1), min(int(u * width), width - 1)].astype(int)
+
+
+def expected(u: float, v: float) -> np.ndarray:
+    """SHADES at (u, v) in repeats, origin at the lower left."""
+    return SHADES[int((1 - v % 1) * 48) % 48, int((u % 1) * 64)].astype(int)
+
+
+MTL = b"newmtl pic\nKd 0 0 0\nmap_Kd -s 1 1 1 my pic.png\nnewmtl plain\nKd 1 .5 0\nnewmtl lost\nKd 0 0 1\nmap_Kd C:\\gone.jpg\n"
+PLACES = [(0.8, 0.1, 0.1), (0.1, 0.8, 0.1), (0.1, 0.1, 0.8), (0.3, 0.3, 0.4)]
+
+
+def textured(uvs: list[tuple[float, float]], more: bytes = b"") -> NormalizedShape:
+    lines = [b"mtllib sub/a.mtl", *(b"v %g %g %g" % tuple(v) for v in SQUARE), *(b"vt %.9g %.9g" % uv for uv in uvs)]
+    lines += [b"usemtl pic", b"f 1/1 2/2 3/3", more]
+    files = {"mesh.obj": b"\n".join(lines), "sub/a.mtl": MTL, "sub/my pic.png": png(SHADES)}
+    return normalize(Source(shape="s", files=files, mesh="mesh.obj"), NormalizeParams(count=64))
+
+
+@pytest.mark.parametrize("uvs", [[(0, 0), (1, 0), (1, 1)], [(0.2, 0.1), (0.9, 0.3), (0.6, 0.7)], [(-3.8, 7.1), (-3.1, 7.3), (-3.4, 7.7)],
+                                 [(0.5, 0.5), (2.5, 0.6), (1.5, 3.4)]])  # fmt: skip
+@pytest.mark.parametrize("more", [b"", b"usemtl plain\nf 3 4 5\nusemtl unknown\nf 1 3 4"])
+def test_texture_shows_what_the_image_has_there(uvs: list[tuple[float, float]], more: bytes) -> None:
+    """Alone or in an atlas; within one repeat, shifted by whole repeats, or across several."""
+    shape = textured(uvs, more)
+    assert shape.face_uvs is not None
+    assert shape.face_uvs.min() >= 0
+    assert shape.face_uvs.max() <= 1
+    for place in PLACES:
+        u, v = np.array(place) @ np.array(uvs)
+        assert np.abs(seen(shape, 0, place) - expected(u, v)).max() <= 5, "one texel at most"
+    if more:
+        assert seen(shape, 1, PLACES[0]).tolist() == [255, 128, 0]
+        assert seen(shape, 2, PLACES[0]).tolist() == [178, 178, 178]
+
+
+def test_too_many_repeats_show_the_mean() -> None:
+    shape = textured([(0, 0), (300, 0), (0, 300)])
+    assert np.abs(seen(shape, 0, PLACES[0]) - SHADES.reshape(-1, 3).mean(axis=0)).max() <= 1
+
+
+def test_missing_texture_leaves_the_color_and_is_counted() -> None:
+    shape = textured([(0, 0), (1, 0), (1, 1)], b"usemtl lost\nf 1/1 3/2 4/3")
+    assert shape.repairs["missing_textures"] == 1
+    assert seen(shape, 1, PLACES[0]).tolist() == [0, 0, 255]
+
+
+def test_colors_off_reads_none() -> None:
+    files = {"m.obj": b"mtllib a.mtl\n" + TRIANGLE + b"vt 0 0\nusemtl plain\nf 1/1 2/1 3/1\n", "a.mtl": MTL}
+    shape = normalize(Source(shape="s", files=files, mesh="m.obj"), NormalizeParams(count=8, colors=False))
+    assert shape.texture is None
+    assert shape.face_uvs is None
+    assert "missing_textures" not in shape.repairs
+
+
+def test_glb_texture_and_plain_material() -> None:
+    """glTF keeps the origin at the upper left, trimesh turns it; the base colour factor is linear light."""
+    pictured = trimesh.Trimesh(SQUARE[:3], [[0, 1, 2]], process=False)
+    pictured.visual = trimesh.visual.TextureVisuals(
+        [(0.1, 0.2), (0.9, 0.2), (0.9, 0.7)], trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(SHADES))
+    )
+    plain = trimesh.Trimesh(np.array(SQUARE[2:]) + 1, [[0, 1, 2]], process=False)
+    plain.visual = trimesh.visual.TextureVisuals(None, trimesh.visual.material.PBRMaterial(baseColorFactor=[55, 0, 255, 255]))
+    data = trimesh.Scene([pictured, plain]).export(file_type="glb")
+    shape = normalize(Source(shape="s", files={"m.glb": data}, mesh="m.glb"), NormalizeParams(count=8))
+    for place in PLACES:
+        u, v = np.array(place) @ np.array([(0.1, 0.2), (0.9, 0.2), (0.9, 0.7)])
+        assert np.abs(seen(shape, 0, place) - expected(u, v)).max() <= 5
+    red, green, blue = seen(shape, 1, PLACES[0])
+    assert (red, green, blue) == (pytest.approx(128, abs=1), 0, 255)
+
+
+def test_vertex_colors_follow_the_vertices() -> None:
+    mesh = trimesh.creation.box()
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.arange(24).reshape(8, 3).astype(np.uint8))
+    for suffix in ("ply", "glb"):
+        data = mesh.export(file_type=suffix)
+        shape = normalize(Source(shape="s", files={"m": data, f"m.{suffix}": data}, mesh=f"m.{suffix}"), NormalizeParams(count=8))
+        np.testing.assert_array_equal(shape.vertex_colors, np.arange(24).reshape(8, 3))
+
+
+def test_ply_face_colors_become_a_palette() -> None:
+    mesh = trimesh.creation.box()
+    colors = np.arange(36).reshape(12, 3).astype(np.uint8) * 7
+    mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=colors)
+    shape = normalize(Source(shape="s", files={"m.ply": mesh.export(file_type="ply")}, mesh="m.ply"), NormalizeParams(count=8))
+    for face in range(12):
+        assert seen(shape, face, PLACES[face % 4]).tolist() == colors[face].tolist()
+
+
+def test_ply_corner_texture_keeps_vertices_shared() -> None:
+    """MeshLab's per-corner coordinates: trimesh would split the vertices."""
+    head = b"ply\nformat ascii 1.0\ncomment TextureFile pic.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    head += b"element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
+    body = b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 6 .1 .1 .9 .1 .9 .6\n3 0 2 3 6 .8 .9 .2 .3 .4 .9\n"
+    files = {"m.ply": head + body, "pic.png": png(SHADES)}
+    shape = normalize(Source(shape="s", files=files, mesh="m.ply"), NormalizeParams(count=8))
+    assert len(shape.vertices) == 4
+    for face, uvs in enumerate([[(0.1, 0.1), (0.9, 0.1), (0.9, 0.6)], [(0.8, 0.9), (0.2, 0.3), (0.4, 0.9)]]):
+        u, v = np.array(PLACES[3]) @ np.array(uvs)
+        assert np.abs(seen(shape, face, PLACES[3]) - expected(u, v)).max() <= 5
