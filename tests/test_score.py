@@ -16,9 +16,7 @@ from stages.scoring.distances import keypoint_distances
 from stages.scoring.iou import count, within
 from stages.scoring.matching import labelled, matched
 from stages.scoring.summary import score_table
-from stages.scoring.symmetry import exchanges
 from stages.scoring.table import render
-from tests.shared_data import shared
 
 SCALE = 2.0
 
@@ -198,59 +196,6 @@ def test_parts_that_no_path_joins_are_missed() -> None:
     assert far[0].tolist() == [0, np.inf]
 
 
-# symmetries
-
-
-def keypoints_at(positions: list[list[float]], **lists: list[tuple[int, ...]]) -> Keypoints:
-    at = np.arange(len(positions), dtype=np.int32)
-    return Keypoints(ids=at, positions=np.array(positions, float), point_indices=at, **lists)
-
-
-RECTANGLE = [[1.0, 0, 2], [1, 0, -2], [-1, 0, -2], [-1, 0, 2]]
-EDGES = [(0, 1), (1, 2), (2, 3), (3, 0)]
-
-
-def test_no_symmetry_is_the_identity_alone() -> None:
-    assert exchanges(keypoints_at(RECTANGLE)).tolist() == [[0, 1, 2, 3]]
-
-
-def test_pairs_of_one_mirror_are_exchanged_together() -> None:
-    assert sorted(exchanges(keypoints_at(RECTANGLE, reflections=[(0, 3), (1, 2)])).tolist()) == [[0, 1, 2, 3], [3, 2, 1, 0]]
-
-
-def test_overlapping_pairs_are_sorted_into_planes() -> None:
-    found = sorted(exchanges(keypoints_at(RECTANGLE, reflections=EDGES, rotations=[(0, 2), (1, 3)])).tolist())
-    assert found == [[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]]
-
-
-def test_a_square_with_diagonal_mirrors_has_eight_symmetries() -> None:
-    square = [[1.0, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1]]
-    found = exchanges(keypoints_at(square, reflections=[*EDGES, (0, 2), (1, 3)], rotations=[(0, 1, 2, 3)]))
-    assert len(found) == 8
-    distances = np.linalg.norm(np.subtract(np.array(square)[:, None], np.array(square)[None]), axis=2)
-    for names in found:
-        assert np.allclose(distances[np.ix_(names, names)], distances)
-
-
-def test_turns_alone() -> None:
-    corners = [[np.cos(a), 0, np.sin(a)] for a in 2 * np.pi * np.arange(3) / 3]
-    found = exchanges(keypoints_at(corners, rotations=[(0, 1, 2)])).tolist()
-    assert found[0] == [0, 1, 2]
-    assert sorted(found) == [[0, 1, 2], [1, 2, 0], [2, 0, 1]]
-
-
-def test_gaps_of_the_lists_are_filled_from_positions_and_contradictions_dropped() -> None:
-    upper = [[x, 1.0, z] for x, _, z in RECTANGLE]
-    found = exchanges(keypoints_at(RECTANGLE + upper, reflections=[(0, 3), (1, 2)]))
-    assert found.tolist() == [[0, 1, 2, 3, 4, 5, 6, 7], [3, 2, 1, 0, 7, 6, 5, 4]]
-    turned = exchanges(keypoints_at(RECTANGLE + upper, rotations=[(0, 2), (1, 3), (4, 5)]))  # (4 5) is no half turn
-    assert turned.tolist() == [[0, 1, 2, 3, 4, 5, 6, 7], [2, 3, 0, 1, 6, 7, 4, 5]]
-
-
-def test_ids_that_the_shape_lacks_are_left_out() -> None:
-    assert len(exchanges(keypoints_at(RECTANGLE, reflections=[(0, 3), (1, 2), (8, 9), (2, 12)]))) == 2
-
-
 def test_exchanged_sides_count_as_symmetric() -> None:
     pairs: list[tuple[int, ...]] = [(0, 1), (2, 3)]
     truth = annotated([0, 1, 2, 3], [0, 100, 20, 80], reflections=pairs)
@@ -261,25 +206,6 @@ def test_exchanged_sides_count_as_symmetric() -> None:
     assert (half.symmetric == 2).all()
     right = scored(predicted([0, 1, 2, 3], [0, 100, 20, 80]), truth)
     assert np.array_equal(right.symmetric, right.labelled)
-
-
-def test_listed_symmetries_of_real_shapes_keep_mutual_distances() -> None:
-    for name, groups in (("airplane", {1, 2}), ("bathtub", {1, 2, 4}), ("bed", {1, 2, 4})):
-        for one in json.loads(shared(f"keypointnet/annotations/{name}.json").read_text()):
-            lists = {key: [tuple(entry["kp_indexes"]) for entry in one["symmetries"][key]] for key in ("reflection", "rotation")}
-            truth = Keypoints(
-                ids=np.array([keypoint["semantic_id"] for keypoint in one["keypoints"]], np.int32),
-                positions=np.array([keypoint["xyz"] for keypoint in one["keypoints"]], float),
-                point_indices=np.array([keypoint["pcd_info"]["point_index"] for keypoint in one["keypoints"]], np.int32),
-                reflections=lists["reflection"],
-                rotations=lists["rotation"],
-            )
-            found = exchanges(truth)
-            assert len(found) in groups
-            distances = np.linalg.norm(truth.positions[:, None] - truth.positions[None], axis=2)
-            for names in found:
-                at = [truth.ids.tolist().index(i) for i in names]
-                assert np.abs(distances[np.ix_(at, at)] - distances).max() < 0.15 * distances.max()
 
 
 # the table
