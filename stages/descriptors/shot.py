@@ -38,19 +38,20 @@ def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -
 
     azimuth = (np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi) % 1.0) * AZIMUTHS
     elevation = np.arccos((local[:, 2] / distances).clip(-1, 1)) / np.pi * ELEVATIONS
+    sizes = (AZIMUTHS, ELEVATIONS, SHELLS, COSINES)
     shares = [
         _between(azimuth, AZIMUTHS, wraps=True),
         _between(elevation, ELEVATIONS),
         _between(distances / radius * SHELLS, SHELLS),
         _between((1 + cosines) / 2 * COSINES, COSINES),
     ]
-    histograms = np.zeros(len(points) * CHANNELS)
+    flat = np.zeros(len(points) * CHANNELS)
     for corner in product((0, 1), repeat=4):  # quadrilinear: every neighbour counts in 16 cells
-        cell, weight = centers, 1.0
-        for side, (bins, weights), size in zip(corner, shares, (AZIMUTHS, ELEVATIONS, SHELLS, COSINES), strict=True):
+        cell, weight = centers, np.ones(len(centers))
+        for side, (bins, weights), size in zip(corner, shares, sizes, strict=True):
             cell, weight = cell * size + bins[side], weight * weights[side]
-        histograms += np.bincount(cell, weight, len(histograms))
-    histograms = histograms.reshape(len(points), CHANNELS)
+        flat += np.bincount(cell, weight, len(flat))
+    histograms = flat.reshape(len(points), CHANNELS)
     defined = np.bincount(centers, minlength=len(points)) >= FEWEST
     lengths = np.linalg.norm(histograms, axis=1, keepdims=True)
     return np.divide(histograms, lengths, out=np.zeros_like(histograms), where=(lengths > 0) & defined[:, None]), defined
@@ -83,10 +84,12 @@ def _pairs(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, n
     return centers[apart], others[apart], distances[apart]
 
 
-def _between(at: np.ndarray, size: int, wraps: bool = False) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """The two bins whose centres enclose `at` (in bins), and their linear shares; beyond the outer centres, one has all."""
+def _between(at: np.ndarray, size: int, wraps: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """The two bins (2, p) whose centres enclose `at` (p,), in bins, and their linear shares (2, p) of it.
+
+    Beyond the outer centres the outer bin has all, unless the bins wrap round.
+    """
     lower = np.floor(at - 0.5).astype(np.int64)
     share = at - 0.5 - lower
-    bins = (lower, lower + 1)
-    bins = tuple(b % size for b in bins) if wraps else tuple(b.clip(0, size - 1) for b in bins)
-    return bins, (1 - share, share)  # type: ignore[return-value]
+    bins = np.stack([lower, lower + 1])
+    return bins % size if wraps else bins.clip(0, size - 1), np.stack([1 - share, share])
