@@ -19,13 +19,13 @@ def scores(
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
 ) -> None:
     """IoU per threshold and class with AUC, labelled PCK and the ceiling; mean ± sd over draws of shots."""
-    from stages.scoring.table import render_table
+    from stages.scoring.table import render
 
     table = run_scores(Run.load(run, set, store))
     if as_json:
         print(table.model_dump_json(indent=1))
     else:
-        Console().print(render_table(table))
+        Console().print(render(table))
 
 
 def run_scores(run: Run) -> ScoreTable:
@@ -42,7 +42,7 @@ def run_scores(run: Run) -> ScoreTable:
 
 def after_run(run: Run, report: Report, console: Console) -> None:
     """Print the score table after a run, and keep it as JSON beside the run's manifest."""
-    from stages.scoring.table import render_table
+    from stages.scoring.table import render
 
     if "score" not in run.config.stages:
         return
@@ -51,4 +51,4 @@ def after_run(run: Run, report: Report, console: Console) -> None:
     except ValueError:
         return
     (run.folder / "scores.json").write_text(table.model_dump_json(indent=1))
-    console.print(render_table(table))
+    console.print(render(table))
