@@ -174,6 +174,7 @@ GOOD = {"semantic_id": 1, "xyz": [0, 0, 0]}
         ([{**GOOD, "xyz": [0, 0, float("inf")]}], None, "expected xyz of three finite numbers"),
         ([{**GOOD, "pcd_info": {"point_index": -3}}], None, "whole point_index of 0 or more, got -3"),
         ([GOOD, GOOD], None, r"every semantic_id once, got \[1\] more than once"),
+        ([{**GOOD, "xyz": [0, 0, 10**400]}], None, "expected xyz of three finite numbers"),
         ([GOOD], {"reflection": [{"kp_indexes": [0, 1]}]}, "list of kp_indexes below 1"),
         ([GOOD], {"rotation": [3]}, "list of kp_indexes below 1"),
         ([GOOD], [3], "list of kp_indexes below 1"),
@@ -184,6 +185,25 @@ def test_malformed_entries(keypoints: Any, symmetries: Any, words: str) -> None:
         load_keypoints({}, {"keypoints": keypoints, "symmetries": symmetries, "shape": "chair/a"})
     assert "chair/a" in str(error.value)
     assert str(error.value).endswith("; mend the annotation file")
+
+
+def test_nan_in_the_file_is_an_error_of_its_shape_only(tmp_path: Path) -> None:
+    root = keypointnet(tmp_path)
+    path = root / "annotations/chair.json"
+    path.write_text(path.read_text().replace("1.5", "NaN", 1))
+    shapes = by_name(KeypointNet(root=root).shapes())
+    json.dumps(shapes["chair/b"].leaves["keypoints"].values, allow_nan=False)  # an address can be made of it
+    with pytest.raises(ValueError, match=r"keypoint 1 of chair/b: expected xyz of three finite numbers, got .*NaN"):
+        read(shapes["chair/b"].leaves["keypoints"])
+    assert read(shapes["chair/a"].leaves["keypoints"]).ids.tolist() == [4, 7]
+
+
+def test_colors_and_faces_of_keypoints_do_not_enter_the_leaf(tmp_path: Path) -> None:
+    root = keypointnet(tmp_path)
+    before = by_name(KeypointNet(root=root).shapes())["chair/a"].leaves["keypoints"].values
+    path = root / "annotations/chair.json"
+    path.write_text(path.read_text().replace('"semantic_id": 4', '"rgb": [1, 2, 3], "mesh_info": {"face_index": 4}, "semantic_id": 4'))
+    assert by_name(KeypointNet(root=root).shapes())["chair/a"].leaves["keypoints"].values == before
 
 
 def test_an_entry_without_symmetries_is_fine() -> None:

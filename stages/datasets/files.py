@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import posixpath
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from stages.geometry.companions import gltf_files, material_files, ply_textures, texture_files
@@ -11,6 +14,19 @@ from stages.geometry.companions import gltf_files, material_files, ply_textures,
 IMAGES = {".jpg", ".jpeg", ".png", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif"}
 HEAD = 1 << 16
 """Bytes at the start of an OBJ or PLY in which the files that it names are looked for."""
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Without the cyclic garbage collector: listing makes a million small objects and no cycle, and collecting over and over
+    takes longer than all the rest."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
 
 
 def walk(root: Path) -> dict[str, str]:
@@ -34,55 +50,55 @@ def walk(root: Path) -> dict[str, str]:
     return dict(sorted(files.items()))
 
 
-class Listing:
-    """Names in folders, each folder read once; case does not matter."""
+class Companions:
+    """The files that meshes name. Every folder and every material file is read once, and no mesh in vain."""
 
-    def __init__(self) -> None:
+    def __init__(self, paths: Iterable[str]) -> None:
+        """`paths`: all files there are, to know whether opening a mesh can be worth it."""
+        self._suffixes = {posixpath.splitext(path)[1].lower() for path in paths}
         self._folders: dict[str, dict[str, str]] = {}
+        self._textures: dict[tuple[str, str], list[str]] = {}
 
-    def find(self, folder: Path, name: str) -> Path | None:
-        """The file `folder/name`, or None where there is none."""
-        place = posixpath.normpath(posixpath.join(folder.as_posix(), name))
-        parent, base = posixpath.split(place)
+    def of(self, mesh: str) -> dict[str, Path]:
+        """The files a mesh names, by name relative to it; those that are absent are left out (normalize counts them)."""
+        folder, suffix = posixpath.dirname(mesh), posixpath.splitext(mesh)[1].lower()
+        if suffix == ".obj" and ".mtl" in self._suffixes:
+            materials = self._existing(folder, material_files(_head(mesh)))
+            names = [texture for name, path in materials.items() for texture in self._textures_of(path, name)]
+            return {name: Path(path) for name, path in {**materials, **self._existing(folder, names)}.items()}
+        if suffix == ".ply" and self._suffixes & IMAGES:
+            return {name: Path(path) for name, path in self._existing(folder, ply_textures(_head(mesh))).items()}
+        if suffix == ".gltf":
+            return {name: Path(path) for name, path in self._existing(folder, gltf_files(Path(mesh).read_bytes())).items()}
+        return {}
+
+    def _existing(self, folder: str, names: list[str]) -> dict[str, str]:
+        return {name: path for name in names if (path := self._find(folder, name)) is not None}
+
+    def _find(self, folder: str, name: str) -> str | None:
+        """The path of `folder/name`, in any case; None where there is none."""
+        parent, base = posixpath.split(posixpath.normpath(f"{folder}/{name}"))
         if parent not in self._folders:
             try:
                 with os.scandir(parent) as entries:
-                    names = sorted(entry.name for entry in entries)
-                self._folders[parent] = {other.lower(): other for other in names}
+                    self._folders[parent] = {other.lower(): other for other in sorted(entry.name for entry in entries)}
             except OSError:
                 self._folders[parent] = {}
         found = self._folders[parent].get(base.lower())
-        return None if found is None else Path(parent, found)
+        return None if found is None else f"{parent}/{found}"
 
-
-def companions(mesh: Path, suffixes: set[str], listing: Listing) -> dict[str, Path]:
-    """The files a mesh names, by name relative to it; those that are absent are left out (normalize counts them).
-
-    `suffixes`: of all files there are, so that no mesh is opened in vain.
-    """
-    suffix = mesh.suffix.lower()
-    found: dict[str, Path] = {}
-
-    def add(names: list[str]) -> None:
-        found.update({name: path for name in names if (path := listing.find(mesh.parent, name)) is not None})
-
-    if suffix == ".obj" and ".mtl" in suffixes:
-        add(material_files(_head(mesh)))
-        for name, path in list(found.items()):
-            add(texture_files(path.read_bytes(), name))
-    elif suffix == ".ply" and suffixes & IMAGES:
-        add(ply_textures(_head(mesh)))
-    elif suffix == ".gltf":
-        add(gltf_files(mesh.read_bytes()))
-    return found
+    def _textures_of(self, path: str, name: str) -> list[str]:
+        if (path, name) not in self._textures:
+            self._textures[path, name] = texture_files(Path(path).read_bytes(), name)
+        return self._textures[path, name]
 
 
 def has_faces(ply: str) -> bool:
     """Whether a PLY's header announces faces."""
-    words = [line.split() for line in _head(Path(ply)).split(b"end_header")[0].splitlines()]
+    words = [line.split() for line in _head(ply).split(b"end_header")[0].splitlines()]
     return any(line[:2] == [b"element", b"face"] and line[2:] not in ([], [b"0"]) for line in words)
 
 
-def _head(path: Path) -> bytes:
-    with path.open("rb") as file:
+def _head(path: str) -> bytes:
+    with Path(path).open("rb") as file:
         return file.read(HEAD)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from pipeline.dataset import Dataset, Leaf, Shape, dataset
 from stages.datasets.annotations import AnnotationFile
-from stages.datasets.files import Listing, companions, has_faces, walk
+from stages.datasets.files import Companions, has_faces, uncollected, walk
 from stages.datasets.sources import source_leaf
 
 MESHES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
@@ -41,6 +41,7 @@ class Folder(Dataset):
     id: Literal["stem", "folder"] = "stem"
     """A shape's id: its file's stem, or the folder below the category (ShapeNet's `<class>/<id>/models/model_normalized.obj`)."""
 
+    @uncollected()
     def shapes(self) -> list[Shape]:
         """All shapes, sorted by name; entries of the annotation file without a file are shapes with an error.
 
@@ -57,19 +58,18 @@ class Folder(Dataset):
                 f"folder: expected files like {self.pattern} of {formats} below {self.root}, got none; set dataset.root or dataset.pattern"
             )
         keypoints, errors = self._annotations(found)
-        suffixes = {Path(path).suffix.lower() for path in files}
-        listing = Listing()
+        companions = Companions(files)
         shapes = [Shape(key[1], key[0], {}, None, error) for key, error in errors.items() if key not in found]
         for key, roles in found.items():
             name = "/".join(key)
             mesh = roles.get("mesh")
-            leaves = {"source": source_leaf(name, mesh, roles.get("cloud"), companions(mesh, suffixes, listing) if mesh else None)}
+            leaves = {"source": source_leaf(name, mesh, roles.get("cloud"), companions.of(mesh) if mesh else None)}
             if key in keypoints:
                 leaves["keypoints"] = keypoints[key]
             shapes.append(Shape(key[1], key[0], leaves, None, errors.get(key)))
         return sorted(shapes, key=lambda shape: shape.name)
 
-    def _found(self, files: dict[str, str]) -> dict[Key, dict[str, Path]]:
+    def _found(self, files: dict[str, str]) -> dict[Key, dict[str, str]]:
         """The mesh and the cloud of each shape, from all files (path → place below the root)."""
         flat = self.root.resolve().name or "shapes"
         by_shape: dict[Key, list[str]] = {}
@@ -81,7 +81,7 @@ class Folder(Dataset):
                 by_shape.setdefault((category, folders[1] if self.id == "folder" and len(folders) > 1 else stem), []).append(path)
         return {key: self._roles("/".join(key), sorted(paths)) for key, paths in by_shape.items()}
 
-    def _roles(self, name: str, paths: list[str]) -> dict[str, Path]:
+    def _roles(self, name: str, paths: list[str]) -> dict[str, str]:
         clouds = [path for path in paths if path.lower().endswith(CLOUDS)]
         meshes = [path for path in paths if path not in clouds]
         if len(meshes) > 1 or (meshes and not clouds and len(paths) > 1):
@@ -93,9 +93,9 @@ class Folder(Dataset):
                     f"{name}: expected one {what}, got {' and '.join(same)}; rename one, choose files with dataset.pattern, "
                     'or set dataset.id = "folder"'
                 )
-        return {what: Path(same[0]) for what, same in (("mesh", meshes), ("cloud", clouds)) if same}
+        return {what: same[0] for what, same in (("mesh", meshes), ("cloud", clouds)) if same}
 
-    def _annotations(self, found: dict[Key, dict[str, Path]]) -> tuple[dict[Key, Leaf], dict[Key, str]]:
+    def _annotations(self, found: dict[Key, dict[str, str]]) -> tuple[dict[Key, Leaf], dict[Key, str]]:
         """The keypoints leaf of every annotated shape, and what is wrong with entries, by shape."""
         path = self.keypoints if self.keypoints is not None else self.root / "keypoints.json"
         if self.keypoints is None and not path.is_file():

@@ -16,6 +16,7 @@ from typing import Literal
 
 from pipeline.dataset import Dataset, Shape, dataset
 from stages.datasets.annotations import AnnotationFile, repeated
+from stages.datasets.files import uncollected
 from stages.datasets.sources import source_leaf
 
 CLOUDS, MESHES = "pcds", "ShapeNetCore.v2.ply"
@@ -34,6 +35,7 @@ class KeypointNet(Dataset):
     """`mesh`: ShapeNet's mesh (with the cloud for candidates where there is one); `cloud`: the cloud alone; `auto`: the mesh
     where there is one, else the cloud."""
 
+    @uncollected()
     def shapes(self) -> list[Shape]:
         """All annotated models of the classes, sorted by name; those without geometry carry an error.
 
@@ -55,7 +57,7 @@ class KeypointNet(Dataset):
     def _class(self, category: str, splits: dict[str, str]) -> list[Shape]:
         path = self.root / "annotations" / f"{category}.json"
         annotations = AnnotationFile.read(path)
-        listed: dict[str, dict[str, Path]] = {}
+        listed: dict[str, dict[str, str]] = {}
         twice = repeated(f"{entry.get('class_id')}-{entry['model_id']}" for entry in annotations.entries)
         shapes: dict[str, Shape] = {}
         for entry in annotations.entries:
@@ -76,7 +78,7 @@ class KeypointNet(Dataset):
             shapes[model_id] = Shape(model_id, category, leaves, splits.get(f"{class_id}-{model_id}"), error)
         return list(shapes.values())
 
-    def _missing(self, name: str, file: str, mesh: Path | None, cloud: Path | None) -> str | None:
+    def _missing(self, name: str, file: str, mesh: str | None, cloud: str | None) -> str | None:
         """What to tell where the geometry that was asked for is not there."""
         wanted = {"mesh": [mesh], "cloud": [cloud], "auto": [mesh, cloud]}[self.geometry]
         if any(wanted):
@@ -95,10 +97,10 @@ class KeypointNet(Dataset):
         return splits
 
 
-def _stems(folder: Path, suffix: str) -> dict[str, Path]:
-    """The folder's files with this suffix, by stem; none where there is no such folder."""
+def _stems(folder: Path, suffix: str) -> dict[str, str]:
+    """The paths of the folder's files with this suffix, by stem; none where there is no such folder."""
     try:
         with os.scandir(folder) as entries:
-            return {entry.name[: -len(suffix)]: Path(entry.path) for entry in entries if entry.name.endswith(suffix)}
+            return {entry.name[: -len(suffix)]: entry.path for entry in entries if entry.name.endswith(suffix)}
     except FileNotFoundError:
         return {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +10,14 @@ from pipeline.dataset import Leaf
 from schemas.shape import Source
 
 
-def source_leaf(name: str, mesh: Path | None, cloud: Path | None, companions: dict[str, Path] | None = None) -> Leaf:
+def source_leaf(name: str, mesh: str | None, cloud: str | None, companions: dict[str, Path] | None = None) -> Leaf:
     """The `source` leaf of the shape called `name`: `mesh.<suffix>`, `cloud.<suffix>`, and companions by relative name."""
     files: dict[str, Path] = {}
     values: dict[str, Any] = {}
     for role, path in (("mesh", mesh), ("cloud", cloud)):
         if path is not None:
-            values[role] = role + path.suffix.lower()
-            files[values[role]] = path
+            values[role] = role + posixpath.splitext(path)[1].lower()
+            files[values[role]] = Path(path)
     return Leaf(load_source, values, {**(companions or {}), **files}, context={"shape": name})
 
 
