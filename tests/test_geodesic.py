@@ -109,6 +109,11 @@ def test_a_line_of_points_is_exact(neighbors: int) -> None:
     np.testing.assert_allclose(solve(shape(points), neighbors=neighbors), np.abs(at[:, None] - at), rtol=HALF_PRECISION, atol=1e-6)
 
 
+def test_euclidean_is_the_straight_line() -> None:
+    points = cloud()
+    np.testing.assert_allclose(solve(shape(points), method="euclidean"), cdist(points, points), rtol=HALF_PRECISION, atol=1e-6)
+
+
 def test_a_thin_plate_is_crossed_only_by_what_keeps_short_cuts() -> None:
     """Top to bottom at the plate's middle is a whole unit along the surface, and .01 straight through."""
     thin = plate()
