@@ -1,0 +1,123 @@
+"""Figures of a run for notebooks and for the report: score curves, and a shape with its keypoints.
+
+>>> from stages.api import load
+>>> plot_shape(load("runs/demo.toml"), "chair/chair-0003")
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from schemas.scores import ClassScores, ScoreTable
+from stages.report.palette import class_color, id_color, rgb
+from stages.report.paper import QUOTED, SOURCE
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+    from pipeline.run import Run
+
+MEAN = "#8a2432"
+QUOTED_COLOR = "#8b93a1"
+BAND = 0.14   # opacity of ± sd
+CAMERA = {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.05, "y": 0.75, "z": -1.35}}
+
+
+def score_curves(table: ScoreTable, quoted: bool = True) -> go.Figure:
+    """IoU over threshold: a curve with its sd band a class, their mean, and the paper's curves if `quoted`."""
+    import plotly.graph_objects as go
+
+    figure = go.Figure()
+    curves = [(name, scores, class_color(i)) for i, (name, scores) in enumerate(table.classes.items())]
+    if len(curves) > 1:
+        curves.append(("mean", table.mean, MEAN))
+    for name, scores, color in curves:
+        _add_curve(figure, name, scores, color, wide=name == "mean" or len(curves) == 1)
+    for curve, dash in zip(QUOTED if quoted else (), ("dash", "dot", "solid"), strict=False):
+        figure.add_scatter(
+            x=curve.thresholds, y=curve.iou, name=f"{curve.name} (paper)", mode="lines" if len(curve.iou) > 1 else "markers",
+            line={"color": QUOTED_COLOR, "dash": dash, "width": 2}, marker={"color": QUOTED_COLOR, "symbol": "diamond", "size": 9},
+            hovertemplate=f"{curve.name}, {SOURCE}{f'; {curve.note}' if curve.note else ''}<br>%{{x}}: %{{y:.2f}}<extra></extra>".replace("; ", "<br>"),
+        )
+    figure.update_layout(
+        template="none", height=380, margin={"l": 48, "r": 8, "t": 8, "b": 44}, hovermode="closest", hoverlabel={"align": "left"},
+        xaxis={"title": {"text": "threshold"}, "range": [0, max(table.mean.thresholds) * 1.02], "zeroline": False},
+        yaxis={"title": {"text": "IoU"}, "range": [0, 1], "zeroline": False}, legend={"orientation": "v", "x": 0.01, "y": 0.99, "bgcolor": "rgba(0,0,0,0)"},
+    )
+    return figure
+
+
+def plot_scores(run: Run) -> go.Figure:
+    """`score_curves` of a run. Raises ValueError where nothing is scored yet."""
+    from stages.commands.scores import run_scores
+
+    return score_curves(run_scores(run))
+
+
+def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
+    """A shape in 3D: its surface or candidates, coloured by its own features' PCA, with predicted and annotated keypoints.
+
+    draw: whose prediction; None takes the first there is. Raises KeyError where the run has no such shape, ValueError where it
+    has not been normalized yet.
+    """
+    import plotly.graph_objects as go
+
+    from stages.report.gathering import Gathering
+    from stages.report.principal import fit_basis
+
+    named = {item.name: item for item in run.shapes}
+    if shape not in named:
+        close = next((name for name in named if shape in name), run.shapes[0].name)
+        raise KeyError(f"shape: expected one of run {run.name}, got {shape!r}; did you mean {close!r}?")
+    entry = Gathering(run).entry(named[shape])
+    if entry.normalized is None:
+        raise ValueError(f"{shape}: expected a normalized shape, got none; run {run.name} first")
+    normalized, attempt = entry.normalized, entry.attempt(draw)
+    colors: Any = "#8d96a5"
+    if entry.features is not None:
+        basis = fit_basis([entry.features.features])
+        colors = [f"rgb({r},{g},{b})" for r, g, b in basis.colors(basis.project(entry.features.features))]
+    figure = go.Figure()
+    if len(normalized.faces):
+        figure.add_mesh3d(**_xyz(normalized.vertices), **dict(zip("ijk", normalized.faces.T, strict=True)), color="#aab1bb", flatshading=True, hoverinfo="skip")
+    figure.add_scatter3d(**_xyz(normalized.points), mode="markers", marker={"size": 3, "color": colors}, name="candidates")
+    truth = {} if entry.keypoints is None else dict(zip(entry.keypoints.ids.tolist(), entry.true_positions(), strict=True))
+    if truth:
+        _add_keypoints(figure, truth, "annotated", {"symbol": "circle-open", "size": 11, "color": "#111827", "line": {"width": 3}})
+    if attempt is not None:
+        chosen = attempt.prediction.present
+        found = dict(zip(attempt.prediction.ids[chosen].tolist(), attempt.prediction.positions[chosen], strict=True))
+        _add_keypoints(figure, found, f"predicted, draw {attempt.draw}", {"size": 8, "color": [id_color(i) for i in found]})
+        pairs = [(found[i], truth[i]) for i in found if i in truth]
+        if pairs:
+            gap = np.full(3, np.nan)
+            figure.add_scatter3d(**_xyz(np.stack([at for pair in pairs for at in (*pair, gap)])), mode="lines", line={"color": "#dc2626", "width": 5}, name="error")
+    hidden = {"visible": False}
+    scene = {"aspectmode": "data", "camera": CAMERA, "dragmode": "turntable", "xaxis": hidden, "yaxis": hidden, "zaxis": hidden}
+    figure.update_layout(title={"text": shape}, scene=scene, margin={"l": 0, "r": 0, "t": 40, "b": 0}, template="none")
+    return figure
+
+
+def _add_curve(figure: go.Figure, name: str, scores: ClassScores, color: str, wide: bool) -> None:
+    at, mean, sd = np.array(scores.thresholds), np.array(scores.iou.mean), np.array(scores.iou.sd)
+    if scores.draws > 1:
+        red, green, blue = rgb(color)
+        figure.add_scatter(
+            x=np.concatenate([at, at[::-1]]).tolist(), y=np.concatenate([mean + sd, (mean - sd)[::-1]]).tolist(), fill="toself", mode="lines",
+            line={"width": 0}, fillcolor=f"rgba({red},{green},{blue},{BAND})", hoverinfo="skip", legendgroup=name, showlegend=False, name=name,
+        )
+    figure.add_scatter(
+        x=at.tolist(), y=mean.tolist(), name=name, legendgroup=name, mode="lines+markers", line={"color": color, "width": 3.5 if wide else 2},
+        marker={"size": 6}, customdata=sd.tolist(), hovertemplate=f"{name}<br>%{{x}}: %{{y:.3f}} ± %{{customdata:.3f}}<extra></extra>",
+    )
+
+
+def _add_keypoints(figure: go.Figure, keypoints: dict[int, np.ndarray], name: str, marker: dict[str, Any]) -> None:
+    figure.add_scatter3d(**_xyz(np.stack(list(keypoints.values()))), mode="markers+text", text=[str(i) for i in keypoints], marker=marker, name=name)
+
+
+def _xyz(points: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns, as floats that every version of plotly writes as plain numbers."""
+    return dict(zip("xyz", np.asarray(points, np.float64).T, strict=True))

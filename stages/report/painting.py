@@ -1,0 +1,158 @@
+"""Small pictures of shapes, drawn in numpy: discs at points, near ones over far ones. No renderer, no GPU.
+
+The camera looks from the front right, a little from above (KeypointNet's and ShapeNet's front is -z), without perspective.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from schemas.shape import NormalizedShape
+from schemas.views import Views
+from stages.geometry.cameras import rotations
+from stages.report.palette import id_color
+from stages.report.surface import point_normals
+
+DIRECTION = np.deg2rad(np.array([[145.0, 22.0]]))   # azimuth from +z towards +x, elevation
+LIGHT = np.array([0.35, 0.8, -0.5]) / np.linalg.norm([0.35, 0.8, -0.5])
+GREY = (176, 182, 190)
+DENSE = 24_000   # points that stand for a mesh's surface
+MARGIN = 0.06
+SUPERSAMPLED = 2
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A keypoint on a picture."""
+
+    position: np.ndarray
+    """(3,), unit frame."""
+    id: int
+    true: bool
+    """Drawn as a ring; predicted ones as discs."""
+
+
+def picture(shape: NormalizedShape, colors: np.ndarray | None, size: int, marks: Iterable[Mark] = ()) -> np.ndarray:
+    """(size, size, 4) uint8, transparent where the shape is not. `colors` (n, 3) uint8 of the candidates; None: grey.
+
+    Predicted and true keypoints of one id are joined by a line.
+    """
+    points, normals, near = _surface_points(shape)
+    base = np.full((len(points), 3), GREY, np.float64) if colors is None else colors[near].astype(np.float64)
+    shade = 0.45 + 0.55 * np.abs(normals @ LIGHT)
+    eye = rotations(DIRECTION)[0]
+    seen = points @ eye.T
+    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    pixels = size * SUPERSAMPLED
+    scale = (1 - 2 * MARGIN) * pixels / max(float((high - low).max()), 1e-6)
+    offset = pixels / 2 - scale * (low + high) / 2
+    radius = 0.011 * pixels if len(points) > 8000 else max(1.5, 0.7 * scale * _spacing(points))
+    canvas = _splat(seen[:, :2] * scale + offset, seen[:, 2], np.clip(base * shade[:, None], 0, 255), pixels, radius)
+    return _shrunk(_marked(canvas, list(marks), eye, scale, offset))
+
+
+def view_picture(views: Views, size: int) -> np.ndarray:
+    """(size, size, 4) uint8: the stored view nearest to this module's direction, its white background made transparent."""
+    from PIL import Image
+
+    azimuth, elevation = DIRECTION[0]
+    wanted = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
+    eyes = -np.einsum("vji,vj->vi", views.world_to_camera[:, :3, :3], views.world_to_camera[:, :3, 3])
+    image = views.images[int((eyes @ wanted / np.linalg.norm(eyes, axis=1)).argmax())]
+    there = (image != 255).any(axis=2)
+    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
+    rgba = np.dstack([image, np.where(there, 255, 0).astype(np.uint8)])
+    if len(rows):
+        middle = np.array([rows[0] + rows[-1], columns[0] + columns[-1]]) / 2
+        half = max(np.ptp(rows), np.ptp(columns)) / 2 * (1 + 2 * MARGIN) + 1
+        box = (middle[1] - half, middle[0] - half, middle[1] + half, middle[0] + half)
+        return np.asarray(Image.fromarray(rgba).resize((size, size), Image.Resampling.BILINEAR, box=_inside(box, rgba.shape)))
+    return np.asarray(Image.fromarray(rgba).resize((size, size)))
+
+
+def webp(image: np.ndarray, quality: int = 80) -> bytes:
+    """(row, column, 4) uint8 as a WebP file."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(image).save(stream, "WEBP", quality=quality, method=4)
+    return stream.getvalue()
+
+
+def _surface_points(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (m, 3), normals (m, 3) and each one's nearest candidate (m,): many of a mesh, the candidates of a cloud."""
+    if not len(shape.faces):
+        return shape.points.astype(np.float64), point_normals(shape), np.arange(len(shape.points))
+    from scipy.spatial import cKDTree
+
+    from stages.geometry.sampling import surface_samples
+
+    on = surface_samples(shape.vertices, shape.faces, DENSE, np.random.default_rng(0))
+    corners = shape.vertices[shape.faces[on.faces]].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    _, near = cKDTree(shape.points).query(on.points)
+    return on.points.astype(np.float64), normals, near
+
+
+def _spacing(points: np.ndarray) -> float:
+    """Median distance to the third nearest neighbour: discs this wide leave few gaps."""
+    from scipy.spatial import cKDTree
+
+    distances, _ = cKDTree(points).query(points, k=min(4, len(points)))
+    return float(np.median(distances.reshape(len(points), -1)[:, -1]))
+
+
+def _splat(at: np.ndarray, depth: np.ndarray, colors: np.ndarray, pixels: int, radius: float) -> np.ndarray:
+    """(pixels, pixels, 4) uint8: a disc at every point; where discs meet, the nearest point's is seen."""
+    reach = int(np.ceil(radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = np.stack([x, y], axis=-1)[x**2 + y**2 <= radius**2]   # (d, 2)
+    far_first = np.argsort(-depth, kind="stable")
+    covered = np.round(at[far_first]).astype(np.int64)[:, None] + disc   # (n, d, 2); later ones overwrite
+    column, row = np.clip(covered, 0, pixels - 1).reshape(-1, 2).T
+    canvas = np.zeros((pixels, pixels, 4), np.uint8)
+    rgba = np.concatenate([colors[far_first], np.full((len(at), 1), 255)], axis=1).astype(np.uint8)
+    canvas[row, column] = np.repeat(rgba, len(disc), axis=0)
+    return canvas
+
+
+def _marked(canvas: np.ndarray, marks: list[Mark], eye: np.ndarray, scale: float, offset: np.ndarray) -> np.ndarray:
+    from PIL import Image, ImageDraw
+
+    if not marks:
+        return canvas
+    image = Image.fromarray(canvas)
+    draw, pixels = ImageDraw.Draw(image), len(canvas)
+    radius, line = pixels * 0.019, max(2, round(pixels * 0.007))
+    places = {(mark.true, mark.id): (mark.position @ eye.T)[:2] * scale + offset for mark in marks}
+    for (true, number), place in places.items():
+        if not true and (True, number) in places:
+            draw.line([tuple(place), tuple(places[True, number])], fill=(220, 38, 38, 255), width=line)
+    for (true, number), (x, y) in sorted(places.items(), reverse=True):
+        box = (x - radius, y - radius, x + radius, y + radius)
+        if true:
+            draw.ellipse(box, outline=(255, 255, 255, 255), width=line + 4)
+            draw.ellipse(box, outline=(17, 24, 39, 255), width=line)
+        else:
+            inner = (x - radius * 0.72, y - radius * 0.72, x + radius * 0.72, y + radius * 0.72)
+            draw.ellipse(inner, fill=id_color(number), outline=(255, 255, 255, 255), width=2)
+    return np.asarray(image)
+
+
+def _shrunk(canvas: np.ndarray) -> np.ndarray:
+    """Mean of 2 × 2 pixels, colours weighted by their opacity."""
+    size = len(canvas) // SUPERSAMPLED
+    blocks = canvas.reshape(size, SUPERSAMPLED, size, SUPERSAMPLED, 4).astype(np.float64)
+    alpha = blocks[..., 3].sum(axis=(1, 3))
+    color = (blocks[..., :3] * blocks[..., 3:]).sum(axis=(1, 3)) / np.maximum(alpha, 1)[..., None]
+    return np.dstack([color, alpha / SUPERSAMPLED**2]).round().astype(np.uint8)
+
+
+def _inside(box: tuple[float, float, float, float], shape: tuple[int, ...]) -> tuple[float, float, float, float]:
+    left, top, right, bottom = box
+    return max(0.0, left), max(0.0, top), min(float(shape[1]), right), min(float(shape[0]), bottom)

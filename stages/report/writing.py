@@ -1,0 +1,147 @@
+"""From a run to its report on disk."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.dataset import Shape
+from pipeline.errors import B23dError
+from pipeline.run import Run
+from schemas.scores import ScoreTable
+from stages.report.choosing import best_and_worst, detailed, file_keys
+from stages.report.coloring import class_basis, feature_colors
+from stages.report.details import details
+from stages.report.gathering import Entry, Gathering, failures
+from stages.report.packing import data_uri
+from stages.report.page import as_json, render_page
+from stages.report.painting import Mark, picture, view_picture, webp
+from stages.report.principal import Basis
+from stages.report.rows import iou, row
+
+THUMB, EXAMPLE = 112, 520   # pixels; both are shown at half that
+INLINE = 24                 # megabytes of details that a page holds itself, unless told otherwise
+MEND = "b23d verify removes it, then b23d run makes it again"
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a report came to."""
+
+    page: Path
+    page_bytes: int
+    folder: Path | None
+    """Where the details lie, if they are not in the page."""
+    folder_bytes: int
+    shapes: int
+    detailed: int
+
+
+def write_report(
+    run: Run,
+    out: Path | None = None,
+    inline: bool | None = None,
+    limit: int = 500,
+    draw: int | None = None,
+    watch: Callable[[int, int], None] = lambda done, total: None,
+) -> Written:
+    """Write `runs/<name>/report.html`, or `out`, with 3D views of at most `limit` shapes.
+
+    inline: details inside the page; None: if they take less than 24 MB. Else they lie in `<page>-details/`, one file a shape.
+    draw: whose predictions are shown first; None: the first there is.
+    Raises ValueError where the run has made nothing yet, OSError where it cannot write.
+    """
+    out = out or run.folder / "report.html"
+    gathered = Gathering(run)
+    rows = [_row(gathered, shape) for shape in run.shapes]
+    if not any(line["points"] for line in rows):
+        raise ValueError(f"run {run.name}: expected shapes to report on, got none made yet; run it first")
+    bases = {category: class_basis(gathered, category) for category in {shape.category for shape in run.shapes}}
+    keys, chosen = file_keys(run.shapes), detailed(rows, limit)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    spool = out.with_name(f".{out.stem}-details.{os.getpid()}")
+    spool.mkdir()
+
+    def make(place: int) -> dict[str, Any]:
+        shape, basis = run.shapes[place], bases[run.shapes[place].category]
+        try:
+            entry = gathered.entry(shape)
+            thumb = _thumbnail(entry, basis)
+            if place in chosen:
+                (spool / f"{keys[place]}.js").write_text(f"b23d.arrive({as_json(keys[place])},{as_json(details(entry, basis))});\n")
+            return {"thumb": thumb, "details": keys[place] if place in chosen else None}
+        except B23dError as error:   # a damaged artifact costs its shape's view, not the report
+            return {"thumb": None, "details": None, "errors": [f"report: {error}; {MEND}"], "state": "failed"}
+
+    try:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:   # numpy and zlib let threads run side by side
+            for place, found in enumerate(pool.map(make, range(len(rows)))):
+                rows[place].update(found)
+                watch(place + 1, len(rows))
+        return _publish(gathered, rows, bases, out, spool, inline, draw)
+    finally:
+        shutil.rmtree(spool, ignore_errors=True)
+
+
+def _publish(
+    gathered: Gathering, rows: list[dict[str, Any]], bases: dict[str, Basis | None], out: Path, spool: Path, inline: bool | None, draw: int | None
+) -> Written:
+    run, folder = gathered.run, out.with_name(f"{out.stem}-details")
+    files = sorted(spool.iterdir())
+    size = sum(path.stat().st_size for path in files)
+    inside = inline if inline is not None else size <= INLINE * 1e6
+    examples = [_example(gathered, shape, which, bases, draw) for shape, which in best_and_worst(run.shapes, rows)]
+    scripts = {path.stem: path.read_text() for path in files} if inside else {}
+    lost = failures(run, gathered.plan)
+    page = render_page(run, gathered.plan, rows, _table(run), [e for e in examples if e], lost, folder.name, scripts, draw)
+    out.write_text(page, encoding="utf-8")
+    shutil.rmtree(folder, ignore_errors=True)
+    if not inside:
+        spool.rename(folder)
+    views = sum(bool(line["details"]) for line in rows)
+    return Written(out, out.stat().st_size, None if inside else folder, 0 if inside else size, len(rows), views)
+
+
+def _row(gathered: Gathering, shape: Shape) -> dict[str, Any]:
+    try:
+        return row(gathered.entry(shape))
+    except B23dError as error:
+        return row(Entry(shape, [], errors=[f"report: {error}; {MEND}"]))
+
+
+def _thumbnail(entry: Entry, basis: Basis | None) -> str | None:
+    if entry.normalized is None:
+        return None
+    image = view_picture(entry.views, THUMB) if entry.views is not None else picture(entry.normalized, feature_colors(entry.features, basis), THUMB)
+    return data_uri(webp(image, 70), "image/webp")
+
+
+def _example(gathered: Gathering, shape: Shape, which: str, bases: dict[str, Basis | None], draw: int | None) -> dict[str, Any] | None:
+    try:
+        entry = gathered.entry(shape)
+        attempt = entry.attempt(draw) or entry.attempt()
+        if entry.normalized is None or attempt is None or attempt.score is None:
+            return None
+        found = attempt.prediction
+        marks = [Mark(at, int(i), False) for i, at, here in zip(found.ids, found.positions, found.present, strict=True) if here]
+        if entry.keypoints is not None:
+            marks += [Mark(at, int(i), True) for i, at in zip(entry.keypoints.ids, entry.true_positions(), strict=True)]
+        image = data_uri(webp(picture(entry.normalized, feature_colors(entry.features, bases[shape.category]), EXAMPLE, marks)), "image/webp")
+    except B23dError:
+        return None
+    auc = f"{iou(attempt.score).mean():.3f}"
+    return {"name": shape.name, "id": shape.id, "category": shape.category, "which": which, "image": image, "auc": auc, "draw": attempt.draw}
+
+
+def _table(run: Run) -> ScoreTable | None:
+    from stages.commands.scores import run_scores
+
+    try:
+        return run_scores(run) if "score" in run.config.stages else None
+    except ValueError:
+        return None
