@@ -34,15 +34,14 @@ class Pixels:
     resample: Resample = "bicubic"
 
     def prepare(self, images: Tensor) -> Tensor:
-        """uint8 (b, h, w, 3) → float32 (b, 3, size, size), channels last in memory.
+        """uint8 (b, h, w, 3) on the CPU → float32 (b, 3, size, size), channels last in memory.
 
-        Resizing is antialiased and rounds to whole levels, as PIL's.
+        Resizing is antialiased and in whole levels, as PIL's.
         """
-        x = images.permute(0, 3, 1, 2).float()
+        x = images.permute(0, 3, 1, 2)
         if x.shape[-2:] != (self.size, self.size):
-            antialias = self.resample != "nearest-exact"
-            x = functional.interpolate(x, (self.size, self.size), mode=self.resample, antialias=antialias).clamp_(0, 255).round_()
-        mean, std = (torch.tensor(values, device=x.device).view(3, 1, 1) for values in (self.mean, self.std))
+            x = functional.interpolate(x, (self.size, self.size), mode=self.resample, antialias=self.resample != "nearest-exact")
+        mean, std = (torch.tensor(values).view(3, 1, 1) for values in (self.mean, self.std))
         return ((x - mean) / std).contiguous(memory_format=torch.channels_last)
 
 
@@ -108,8 +107,8 @@ class Encoder:
         with torch.inference_mode(), self._arithmetic():
             for start in range(0, views, step):
                 part = slice(start, start + step)
-                pixels = self.backbone.pixels.prepare(torch.tensor(images[part], device=self.device))
-                patch, first = self.backbone.network(pixels)
+                pixels = self.backbone.pixels.prepare(torch.tensor(images[part]))
+                patch, first = self.backbone.network(pixels.to(self.device))
                 tokens[part] = self._half(patch)
                 if classes is not None:
                     classes[part] = self._half(first)

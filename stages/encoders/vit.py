@@ -64,7 +64,8 @@ def pixels_of(checkpoint: Checkpoint, size: int, mean: Triple, std: Triple, resa
     normalize = given.get("do_normalize", True)
     mean = tuple(given.get("image_mean", mean)) if normalize else (0.0, 0.0, 0.0)
     std = tuple(given.get("image_std", std)) if normalize else (1.0, 1.0, 1.0)
-    if given.get("include_top", False):   # EfficientNet's processor divides by the deviation a second time
+    if given.get("include_top", str(given.get("image_processor_type")).startswith("EfficientNet")):
+        # EfficientNet's processor divides by the deviation a second time (its configured ones are the square roots of ImageNet's).
         std = (std[0] ** 2, std[1] ** 2, std[2] ** 2)
     shifted = (mean[0] + offset, mean[1] + offset, mean[2] + offset)
     return Pixels(size, scaled(shifted, factor), scaled(std, factor), PIL_RESAMPLING.get(given.get("resample", -1), resample))
