@@ -122,7 +122,7 @@ def test_missing_files_are_named(dino: Path, tmp_path: Path) -> None:
     assert "expected model.safetensors (or its shards, or pytorch_model.bin)" in message(tmp_path)
     (tmp_path / "model.safetensors.index.json").write_text(json.dumps({"weight_map": {"a": "model-00001-of-00002.safetensors"}}))
     assert "expected model-00001-of-00002.safetensors" in message(tmp_path)
-    with pytest.raises(ValueError, match="expected no stages.extract.weights"):
+    with pytest.raises(ValueError, match=r"expected no stages.extract.weights"):
         weights_digest(ExtractParams(weights=tmp_path))
 
 
