@@ -19,6 +19,8 @@ from pipeline.errors import B23dError
 app = typer.Typer(name="b23d", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich",
                   help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.")
 console = Console()
+if not console.is_terminal:
+    console = Console(width=120)   # into a file or a pipe, tables keep their columns
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)]
 Set = Annotated[list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")]

@@ -9,6 +9,9 @@ from typing import Any
 from pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
 from pipeline.plan import LeafNode, Node
 from pipeline.run import Run
+from pipeline.stage import SHOT
+
+BYTES = "(bytes)"
 
 
 @dataclass(frozen=True)
@@ -114,32 +117,41 @@ def _distance(one: _Recipe, other: _Recipe) -> int:
 def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference]:
     if now.address == before.address:
         return
-    for name in now.inputs.keys() & before.inputs.keys():
+    shared = now.inputs.keys() & before.inputs.keys()
+    for name in sorted(shared, key=lambda name: name.startswith(SHOT)):   # the shape's own inputs first
         ours, theirs = now.inputs[name], before.inputs[name]
-        if ours == theirs:
-            continue
-        if len(ours) != len(theirs) or (len(ours) > 1 and set(ours) != set(theirs) and name.startswith("shot_")):
+        if len(ours) != len(theirs):
             yield Difference(f"shots of {now.stage} ({name})", _short(theirs), _short(ours))
             continue
-        for mine, other in zip(ours, theirs, strict=True):
-            above = now.above.get(mine)
-            if isinstance(above, Node):
-                known = before.above.get(other)
-                recipe = _of_node(run, known) if isinstance(known, Node) else None
-                if recipe is None:
-                    inline = known if isinstance(known, dict) else None
-                    recipe = _of_provenance(above.stage, other, inline, before.above) if inline else _stored(run, above.stage, other)
-                if recipe is None:
-                    yield Difference(f"{above.stage} (no longer stored)", other[:12], mine[:12])
-                else:
-                    yield from _differences(run, _of_node(run, above), recipe)
-            elif mine != other:
-                yield Difference(f"{name} of {now.stage} (bytes)", other[:12], mine[:12])
+        found = [d for mine, other in zip(ours, theirs, strict=True) for d in _input_differences(run, now, before, name, mine, other)]
+        if name.startswith(SHOT) and any(difference.field.endswith(BYTES) for difference in found):
+            yield Difference(f"shots of {now.stage} ({name})", _short(theirs), _short(ours))   # other shapes, not other parameters
+        else:
+            yield from found
     if now.version != before.version:
         yield Difference(f"{now.stage}.version", str(before.version), str(now.version))
     for key in sorted(now.params.keys() | before.params.keys()):
         if now.params.get(key) != before.params.get(key):
             yield Difference(f"stages.{now.stage}.{key}", repr(before.params.get(key)), repr(now.params.get(key)))
+
+
+def _input_differences(run: Run, now: _Recipe, before: _Recipe, name: str, mine: str, other: str) -> Iterator[Difference]:
+    if mine == other:
+        return
+    above, known = now.above.get(mine), before.above.get(other)
+    if not isinstance(above, Node):
+        yield Difference(f"{name} of {now.stage} {BYTES}", other[:12], mine[:12])
+        return
+    if isinstance(known, Node):
+        recipe: _Recipe | None = _of_node(run, known)
+    elif isinstance(known, dict):
+        recipe = _of_provenance(above.stage, other, known, before.above)
+    else:
+        recipe = _stored(run, above.stage, other)
+    if recipe is None:
+        yield Difference(f"{above.stage} (no longer stored)", other[:12], mine[:12])
+    else:
+        yield from _differences(run, _of_node(run, above), recipe)
 
 
 def _inputs(run: Run, node: Node) -> dict[str, Node | LeafNode | list[Node | LeafNode]]:

@@ -53,6 +53,7 @@ class Task:
     shape: str
     category: str
     draws: tuple[int, ...]
+    shots: tuple[str, ...]
     params: Params
     inputs: dict[str, Stored | Loaded | Task | list[Stored | Loaded | Task]]
     store: str
@@ -101,7 +102,7 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
         elif value is not None:
             inputs[argument] = source(value, keep=False)
     draws = tuple(node.draws)
-    return Task(node.stage, node.address, node.shape, node.category, draws, params[node.stage], inputs, store)
+    return Task(node.stage, node.address, node.shape, node.category, draws, node.shots, params[node.stage], inputs, store)
 
 
 def run_task(task: Task) -> Outcome:
@@ -199,6 +200,7 @@ def _provenance(task: Task, seconds: float) -> dict[str, Any]:
         "address": task.address,
         "shape": task.shape,
         "draws": list(task.draws),
+        "shots": list(task.shots),
         "params": task.params.hashed(),
         "inputs": task.input_addresses(),
         "inline": {inner.address: _recipe(inner) for inner in task.nested()},

@@ -71,7 +71,7 @@ def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
 def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams) -> NormalizedShape:
     from stages.geometry.cleaning import clean
     from stages.geometry.nearest import nearest_on_faces
-    from stages.geometry.sampling import farthest_points, surface_samples
+    from stages.geometry.sampling import DENSITY, farthest_points, surface_samples
 
     _check_finite(shape, surface.vertices, params, "vertices")
     result = clean(surface.vertices, surface.faces, shape)
@@ -85,8 +85,6 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
                 'into one frame, leave one out, or set stages.normalize.candidates = "fps"'
             )
     else:
-        from stages.geometry.sampling import DENSITY
-
         rng = np.random.default_rng(params.seed)
         dense = surface_samples(result.vertices, result.faces, DENSITY * params.count, rng)
         on = dense[farthest_points(dense.points, params.count)]

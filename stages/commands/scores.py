@@ -25,7 +25,8 @@ def scores(
     if as_json:
         print(table.model_dump_json(indent=1))
     else:
-        Console().print(render(table))
+        console = Console()
+        (console if console.is_terminal else Console(width=120)).print(render(table))
 
 
 def run_scores(run: Run) -> ScoreTable:

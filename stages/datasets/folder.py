@@ -18,9 +18,7 @@ from pipeline.dataset import Dataset, Leaf, Shape, dataset
 from stages.datasets.annotations import AnnotationFile
 from stages.datasets.files import Companions, has_faces, uncollected, walk
 from stages.datasets.sources import source_leaf
-
-MESHES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
-CLOUDS = (".pcd", ".xyz", ".npz")
+from stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
 
 Key = tuple[str, str]
 """Category and id."""
@@ -53,7 +51,7 @@ class Folder(Dataset):
         files = walk(self.root)
         found = self._found({path: place for path, place in files.items() if fnmatch(place, self.pattern)})
         if not found:
-            formats = " ".join((*MESHES, *CLOUDS))
+            formats = " ".join((*MESH_SUFFIXES, *CLOUD_SUFFIXES))
             raise FileNotFoundError(
                 f"folder: expected files like {self.pattern} of {formats} below {self.root}, got none; set dataset.root or dataset.pattern"
             )
@@ -75,14 +73,14 @@ class Folder(Dataset):
         by_shape: dict[Key, list[str]] = {}
         for path, place in files.items():
             stem, dot, suffix = place.rpartition("/")[2].rpartition(".")
-            if dot and f".{suffix.lower()}" in MESHES + CLOUDS:
+            if dot and f".{suffix.lower()}" in MESH_SUFFIXES + CLOUD_SUFFIXES:
                 folders = place.split("/")[:-1]
                 category = folders[0] if folders else flat
                 by_shape.setdefault((category, folders[1] if self.id == "folder" and len(folders) > 1 else stem), []).append(path)
         return {key: self._roles("/".join(key), sorted(paths)) for key, paths in by_shape.items()}
 
     def _roles(self, name: str, paths: list[str]) -> dict[str, str]:
-        clouds = [path for path in paths if path.lower().endswith(CLOUDS)]
+        clouds = [path for path in paths if path.lower().endswith(CLOUD_SUFFIXES)]
         meshes = [path for path in paths if path not in clouds]
         if len(meshes) > 1 or (meshes and not clouds and len(paths) > 1):
             pointed = [path for path in meshes if path.lower().endswith(".ply") and not has_faces(path)]
