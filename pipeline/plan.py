@@ -211,7 +211,7 @@ class _Planner:
             try:
                 files = {file: self.index.file_digest(path) for file, path in leaf.files.items()}
                 self.leaves[key] = LeafNode(leaf, leaf_address(leaf.values, files))
-            except OSError as error:
+            except (OSError, ValueError) as error:
                 self.leaves[key] = LeafNode(leaf, sha256(f"{MISSING}:{shape.name}"), f"{type(error).__name__}: {shape.name}: {error}")
         return self.leaves[key]
 

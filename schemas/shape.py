@@ -60,7 +60,8 @@ class Keypoints(Artifact):
     point_indices: Annotated[np.ndarray, ArraySpec("k", "int32")]
     """Index into the data set's cloud (`pcd_info.point_index`), or -1 where the annotation has none."""
     reflections: list[tuple[int, ...]] = []
-    """Ids that a mirror symmetry of the shape exchanges (`symmetries.reflection[].kp_indexes`)."""
+    """Ids that a mirror symmetry of the shape exchanges. (KeypointNet's `symmetries.reflection[].kp_indexes` are places in the
+    keypoint list, not ids; they are turned into ids on loading.)"""
     rotations: list[tuple[int, ...]] = []
     """Ids that a rotational symmetry of the shape exchanges."""
     annotation_file: str = ""

@@ -40,13 +40,14 @@ def test_imports_run_one_way(path: str) -> None:
 def test_stages_never_read_files_of_their_own() -> None:
     """A stage is a function of arrays: no open(), no path. (Encoders read weights: that is what they are.)"""
     for path in (ROOT / "stages").glob("*.py"):
-        calls = {node.func.id for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-        assert "open" not in calls, path
+        calls = (node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call))
+        assert "open" not in {call.id for call in calls if isinstance(call, ast.Name)}, path
 
 
 def test_planning_imports_nothing_heavy() -> None:
     import subprocess
     import sys
 
-    code = "import sys, stages, pipeline.run, pipeline.cli; print([m for m in ('torch', 'transformers', 'trimesh', 'scipy', 'pandas', 'distributed', 'plotly') if m in sys.modules])"
+    heavy = ("torch", "transformers", "trimesh", "scipy", "pandas", "distributed", "plotly")
+    code = f"import sys, stages, pipeline.run, pipeline.cli; print([m for m in {heavy} if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout.strip() == "[]"
