@@ -24,7 +24,7 @@ def four_legs(
     round_ = draw.chance(0.45)
     taper = draw.between(0.45, 1.0)
     splay = draw.pick({"straight": 0.55, "splayed": 0.45})
-    lean = draw.between(0.05, 0.16) * height if splay == "splayed" else 0.0
+    lean = draw.between(0.05, 0.15) * height if splay == "splayed" else 0.0
     braces = draw.pick({"none": 0.5, "sides": 0.2, "h": 0.15, "ring": 0.15})
     shape.style |= {"legs": f"{'round' if round_ else 'square'} {splay}", "braces": braces}
     half = (thick / 2, thick / 2)
@@ -33,7 +33,7 @@ def four_legs(
     brace_height = draw.between(0.22, 0.5)
     for name, (x, z) in {"front": front, "back": back}.items():
         top = np.array([x, height, z])
-        bottom = np.array([x + lean * 0.8, 0.0, z + np.sign(z) * lean])
+        bottom = np.array([x + lean, 0.0, z + np.sign(z) * lean])
         leg = post(top, bottom, half, foot, round_)
         shape.add_pair(part, post_solid(leg, height, step, round_))
         shape.mark_pair(f"{name}_foot", at(leg, 1, -1, np.sign(z)))
@@ -56,11 +56,11 @@ def _braces(shape: Assembly, part: str, kind: str, front: np.ndarray, back: np.n
 
 
 def _low(end: np.ndarray, size: float) -> tuple[float, float, float]:
-    return -end[0], end[1] - 0.4 * size, end[2] - 0.4 * size
+    return -end[0], end[1] - 0.5 * size, end[2] - 0.5 * size
 
 
 def _high(end: np.ndarray, size: float) -> tuple[float, float, float]:
-    return end[0], end[1] + 0.4 * size, end[2] + 0.4 * size
+    return end[0], end[1] + 0.5 * size, end[2] + 0.5 * size
 
 
 def pedestal(

@@ -119,7 +119,9 @@ def _back(shape: Assembly, draw: Draw, f: Frame, kind: str) -> None:
     thick = draw.between(0.022, 0.04)
     if kind in ("solid", "rounded", "low"):
         panelled = kind == "solid" and draw.chance(0.5)
-        low = high * draw.between(0.25, 0.4) if panelled or kind == "low" else -f.thickness / 2
+        low = -f.thickness / 2
+        if panelled or kind == "low":  # below the arms, so that they end in the panel
+            low = min(0.15, high * draw.between(0.25, 0.4))
         thick *= draw.between(1.0, 1.8)
         top = {"solid": draw.between(0.0, 0.3), "rounded": 1.0, "low": draw.between(0.2, 0.8)}[kind]
         _panel(shape, f, low, top, thick)
@@ -135,7 +137,7 @@ def _back(shape: Assembly, draw: Draw, f: Frame, kind: str) -> None:
             count = draw.whole(2, 4)
             gap = (high - rail) / count
             for k in range(count):
-                _rail(shape, f, gap * (k + 0.45), gap * (k + 0.45) + min(rail, 0.5 * gap), wide - thick * 0.6, thick * 0.6)
+                _rail(shape, f, gap * (k + 0.35), gap * (k + 0.35) + min(rail, 0.42 * gap), wide - thick * 0.6, thick * 0.6)
         else:
             lower = draw.between(0.06, 0.12)
             _rail(shape, f, lower, lower + 0.03, wide - thick * 0.6, thick * 0.8)

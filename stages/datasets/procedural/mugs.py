@@ -1,7 +1,4 @@
-"""Mugs: a turned body with a real inside, and a handle or none. Built in centimetres; the handle is at the back, +z.
-
-The mirror plane is x = 0, through the handle.
-"""
+"""Mugs: a wall with a real inside, and a handle or none. Built in centimetres; the handle is at the back, +z."""
 
 from __future__ import annotations
 
@@ -9,78 +6,127 @@ import numpy as np
 
 from stages.datasets.procedural.assembling import Assembly, Model
 from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.solids import refined, revolve, tube
+from stages.datasets.procedural.solids import Solid, crossing, refined, revolve, tube
 
 KEYPOINTS = (
-    "rim_front", "rim_back", "left_rim", "right_rim", "base_front", "base_back", "left_base", "right_base",
-    "floor_middle", "handle_upper", "handle_lower", "handle_outer",
+    "front_rim", "back_rim", "left_rim", "right_rim", "front_base", "back_base", "left_base", "right_base",
+    "handle_top", "handle_bottom", "handle_outer", "inside_bottom", "underside",
 )  # fmt: skip
 PARTS = ("body", "handle")
 COLORS = (
-    {"body": "#d9cbb2", "handle": "#b87840"},
-    {"body": "#52738a", "handle": "#3f5c70"},
-    {"body": "#b95445", "handle": "#9a4236"},
-    {"body": "#e8e4dc", "handle": "#d2ccc0"},
-    {"body": "#648467", "handle": "#4f6b52"},
+    {"body": "#e9e4da", "handle": "#e0d9cc"},
+    {"body": "#5f8ea6", "handle": "#53819a"},
+    {"body": "#d0735a", "handle": "#c1674f"},
+    {"body": "#8aa583", "handle": "#e9e4da"},
+    {"body": "#e3b75f", "handle": "#d5a74c"},
+    {"body": "#51566b", "handle": "#c9a577"},
+    {"body": "#c9a3ac", "handle": "#bd949e"},
 )
-STEP = 0.9
+STEP = 0.7
+"""Longest side of a cell."""
+AROUND = 48
 
 
 def mug(draw: Draw) -> Model:
     """One mug."""
-    body = draw.pick({"straight": 0.35, "tapered": 0.25, "belly": 0.25, "waisted": 0.15})
-    handle = draw.pick({"ring": 0.4, "ear": 0.3, "angular": 0.18, "none": 0.12})
-    shape = Assembly(KEYPOINTS, PARTS, COLORS[draw.whole(0, len(COLORS) - 1)], {"body": body, "handle": handle})
-    radius, height, wall = draw.between(3.4, 4.6), draw.between(7.0, 11.5), draw.between(0.25, 0.5)
-    outer = _outer(draw, body, radius, height)
-    inner = outer[::-1] - np.array([wall, 0.0])
-    floor = draw.between(1.0, 2.0) * wall
-    inner = inner[inner[:, 1] > floor + 0.2]
-    lip = np.array([[outer[-1, 0] - wall / 2, height + wall * 0.35]])
-    base = outer[0, 0]
-    profile = np.concatenate([[[0.0, 0.0], [base - 0.3, 0.0]], outer + [0.0, 0.15] * (outer[:, 1:] == 0), lip, inner,
-                              [[inner[-1, 0] - 0.2, floor], [0.0, floor]]])
-    surface = revolve(refined(profile, STEP), 48)
-    shape.add("body", surface)
-    rim, foot = (lip[0, 0], lip[0, 1]), (base - 0.3, 0.0)
-    for name, (r, y) in {"rim": rim, "base": foot}.items():
-        shape.mark(f"{name}_front", np.array([0.0, y, -r]))
-        shape.mark(f"{name}_back", np.array([0.0, y, r]))
-        shape.mark_pair(name, np.array([r, y, 0.0]))
-    shape.mark("floor_middle", np.array([0.0, floor, 0.0]))
-    if handle != "none":
-        _handle(shape, draw, handle, outer, height, wall)
+    form = draw.pick({"straight": 0.3, "tapered": 0.25, "bellied": 0.2, "flared": 0.15, "cup": 0.1})
+    handle = draw.pick({"ring": 0.35, "square": 0.2, "ear": 0.25, "none": 0.2})
+    style = {"form": form, "handle": handle}
+    shape = Assembly(KEYPOINTS, PARTS, COLORS[draw.whole(0, len(COLORS) - 1)], style)
+    radius, height = draw.between(3.6, 4.6), draw.between(8.0, 11.5)
+    if form == "cup":
+        radius, height = draw.between(4.4, 5.4), draw.between(5.5, 6.8)
+    wall, floor = draw.between(0.35, 0.6), draw.between(0.5, 0.9)
+    body, marks = _body(_wall(draw, form, radius, height), wall, floor)
+    shape.add("body", body)
+    for where, point in marks.items():
+        shape.mark(f"front_{where}", np.array([0.0, point[1], -point[0]]))
+        shape.mark(f"back_{where}", np.array([0.0, point[1], point[0]]))
+        shape.mark_pair(where, np.array([point[0], point[1], 0.0]))
+    shape.mark("inside_bottom", np.array([0.0, floor, 0.0]))
+    shape.mark("underside", np.array([0.0, _hollow(wall), 0.0]))
+    if handle == "none":
+        cycles = tuple((f"front_{w}", f"right_{w}", f"back_{w}", f"left_{w}") for w in marks)
+        return shape.finished(draw.between(0.9, 1.1), cycles)
+    _handle(shape, draw, handle, body, height, wall)
     return shape.finished(draw.between(0.9, 1.1))
 
 
-def _outer(draw: Draw, kind: str, radius: float, height: float) -> np.ndarray:
-    """Outer profile (m, 2) of radius and height, from the foot to the rim."""
-    rise = np.linspace(0.0, 1.0, 13)
-    amount = draw.between(0.08, 0.22)
-    swell = {
-        "straight": 0.0 * rise,
-        "tapered": amount * 1.4 * (rise - 0.5),
-        "belly": amount * (np.sin(np.pi * rise) - 0.4),
-        "waisted": -amount * 0.7 * np.sin(np.pi * rise),
-    }[kind]
-    return np.stack([radius * (1 + swell), rise * height], -1)
+def _wall(draw: Draw, form: str, radius: float, height: float) -> np.ndarray:
+    """The outer wall from foot to rim: (m, 2) radius and height."""
+    t = np.linspace(0.0, 1.0, 15)
+    amount = draw.between(0.12, 0.28)
+    share = {
+        "straight": 1.0 + 0.0 * t,
+        "tapered": 1.0 - amount * (1 - t),
+        "bellied": 1.0 - amount * 0.9 * (2 * t - 0.9) ** 2,
+        "flared": 1.0 - amount * 0.9 * np.sin(np.pi * np.minimum(1.0, 1.15 * (1 - t))) ** 2 - 0.1 * (1 - t),
+        "cup": 0.5 + 0.5 * np.sqrt(1 - (1 - t) ** 2.2),
+    }[form]
+    return np.stack([radius * share, height * t], -1)
 
 
-def _handle(shape: Assembly, draw: Draw, kind: str, outer: np.ndarray, height: float, wall: float) -> None:
-    """A bent rod at +z, both ends inside the wall."""
-    upper, lower = height * draw.between(0.72, 0.88), height * draw.between(0.16, 0.34)
-    reach = draw.between(1.9, 3.0)
-    middle, half = (upper + lower) / 2, (upper - lower) / 2
-    turn = np.linspace(-np.pi / 2, np.pi / 2, 15)
-    power = {"ring": 1.0, "ear": 0.75, "angular": 0.4}[kind]
-    out = np.cos(turn).clip(0) ** power * reach * (1 - (0.25 * (np.sin(turn) < 0) * np.abs(np.sin(turn)) if kind == "ear" else 0.0))
-    y = middle + half * np.sign(np.sin(turn)) * np.abs(np.sin(turn)) ** power
-    wall_z = np.interp(y, outer[:, 1], outer[:, 0]) - wall * 0.5
-    base = np.interp(np.sin(turn), [-1, 1], [wall_z[0], wall_z[-1]])
-    path = np.stack([0.0 * y, y, base + out], -1)
-    size = (draw.between(0.45, 0.8), draw.between(0.3, 0.5))
-    rod = tube(refined(path, STEP * 0.6), np.array([1.0, 0.0, 0.0]), size)
-    shape.add("handle", rod)
-    shape.mark("handle_outer", rod.farthest(z=1.0))
-    shape.mark("handle_upper", rod.farthest(y=1.0, z=0.15))
-    shape.mark("handle_lower", rod.farthest(y=-1.0, z=0.15))
+def _hollow(wall: float) -> float:
+    """How far the underside's middle lies above the ground."""
+    return 0.4 * wall
+
+
+def _body(outer: np.ndarray, wall: float, floor: float) -> tuple[Solid, dict[str, np.ndarray]]:
+    """One closed surface: the underside, the outer wall, the rim, the inner wall and the inside's bottom.
+
+    Also radius and height of the rim's highest and the base's outermost circle.
+    """
+    foot, rim = outer[0], outer[-1]
+    bevel = 0.25 * wall
+    turn = np.linspace(0.0, np.pi, 7)
+    lip = rim + np.array([-wall / 2, 0.0]) + wall / 2 * np.stack([np.cos(turn), np.sin(turn)], -1)
+    under = [[0.0, _hollow(wall)], [foot[0] - 2.2 * wall, _hollow(wall)], [foot[0] - 1.6 * wall, 0.0], [foot[0] - bevel, 0.0]]
+    outside = np.concatenate([[[foot[0], bevel]], outer[(outer[:, 1] > 2 * bevel) & (outer[:, 1] < rim[1] - 1e-9)], lip])
+    heights = outer[::-1, 1]
+    inner = np.stack([outer[::-1, 0] - wall, heights], -1)[1:]
+    inner = inner[inner[:, 1] > floor + 0.7 * wall]
+    corner = np.interp(floor, outer[:, 1], outer[:, 0]) - wall
+    inside = np.concatenate([inner, [[corner - 0.25 * wall, floor + 0.25 * wall], [corner - wall, floor], [0.0, floor]]])
+    profile = refined(np.concatenate([under, outside, inside]), STEP)
+    marks = {"rim": lip[3], "base": np.array([foot[0], bevel])}
+    return revolve(profile, AROUND), marks
+
+
+def _handle(shape: Assembly, draw: Draw, kind: str, body: Solid, height: float, wall: float) -> None:
+    """A bow in the plane x = 0 that stands on the straight line between its two ends, which are halfway into the wall.
+
+    The bow is half a superellipse: exponent 2.2 nearly a ring's, 4 nearly a rectangle's; an ear's is drawn out at the top.
+    """
+    squat = height < 7.0
+    top, bottom = height * draw.between(0.74, 0.86), height * (draw.between(0.4, 0.48) if squat else draw.between(0.18, 0.34))
+    reach = height * (draw.between(0.42, 0.52) if squat else draw.between(0.3, 0.4))
+    outside = _outer_only(body)
+    low, high = (
+        crossing(np.array([[0.0, h, 0.0], [0.0, h, 99.0]]), outside) - np.array([0.0, 0.0, wall / 2]) for h in (bottom, top)
+    )
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 33)
+    sine, cosine = np.sin(turn), np.abs(np.cos(turn))
+    cosine[[0, -1]] = 0.0
+    power = 2 / (4.0 if kind == "square" else 2.2)
+    out = reach * cosine**power * (1 + (0.35 * sine if kind == "ear" else 0.0))
+    along = (1 + np.sign(sine) * np.abs(sine) ** power) / 2
+    away = np.cross([1.0, 0.0, 0.0], high - low)
+    away /= np.linalg.norm(away)
+    path = refined(low + along[:, None] * (high - low) + out[:, None] * away, STEP)
+    n = 12
+    bow = tube(path, np.array([1.0, 0.0, 0.0]), (draw.between(0.4, 0.75), draw.between(0.3, 0.45)), n)
+    shape.add("handle", bow)
+    rings = bow.vertices[:-2].reshape(len(path), n, 3)
+    far_side = max(rings[:, 0], rings[:, n // 2], key=lambda line: float(np.ptp(line[:, 1])))
+    half = len(path) // 2
+    shape.mark("handle_bottom", crossing(far_side[: half + 1][::-1], outside))
+    shape.mark("handle_top", crossing(far_side[half:], outside))
+    shape.mark("handle_outer", bow.farthest(z=1.0))
+
+
+def _outer_only(body: Solid) -> Solid:
+    """The faces of a mug's body that look away from its axis."""
+    a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
+    normal, middle = np.cross(b - a, c - a), (a + b + c) / 3
+    outward = (normal * middle * np.array([1.0, 0.0, 1.0])).sum(1) > 1e-9
+    return Solid(body.vertices, body.faces[outward])
