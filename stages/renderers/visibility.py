@@ -6,7 +6,7 @@ import numpy as np
 
 SLACK = 0.25
 """Pixels by which a surface's slope is forgiven: it is known from differences between neighbouring pixels only."""
-STEEPEST = 0.05
+STEEPEST = 0.1
 """Difference of inverse depth between neighbouring pixels that is still a slope; above it begins another surface."""
 
 
