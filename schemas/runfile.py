@@ -61,5 +61,7 @@ class RunFile(Params):
     """Argument → the stage that feeds it instead of its namesake: `backproject = "describe"`, `optimize = "detect"`."""
     outputs: list[str] = ["reweight", "optimize", "score"]
     """Stages wanted for every shape; what they need comes along."""
+    sweep: dict[str, list[Any]] = {}
+    """For `b23d sweep`: dotted field → the values it takes in turn."""
     store: StoreOptions = StoreOptions()
     execution: Execution = Execution()

@@ -1,0 +1,75 @@
+"""A series of runs that differ by overrides, scored side by side as a table and a plot: what `ablate` and `sweep` print."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+from pipeline.run import Run
+
+if TYPE_CHECKING:
+    from schemas.scores import ClassScores, ScoreTable
+
+
+@dataclass(frozen=True)
+class Member:
+    """One run of a series: what to call it, and what sets it apart."""
+
+    label: str
+    overrides: tuple[str, ...]
+
+
+def run_series(
+    console: Console, run: Path, members: Iterable[Member], store: str | None, workers: int | None, limit: int | None
+) -> list[tuple[str, ScoreTable]]:
+    """Execute and score every member; all that members share is computed once. Raises ValueError where a member scores nothing."""
+    from stages.commands.scores import run_scores
+
+    found = []
+    for member in members:
+        loaded = Run.load(run, member.overrides, store)
+        with console.status(f"{member.label}: running"):
+            report = loaded.execute(workers, limit=limit)
+        ran = ", ".join(sorted({outcome.stage for outcome in report.done}, key=list(loaded.config.stages).index)) or "nothing"
+        console.print(f"[dim]{member.label}: ran {ran} in {report.seconds:.0f} s[/]", highlight=False)
+        found.append((member.label, run_scores(loaded)))
+    return found
+
+
+def series_table(title: str, found: list[tuple[str, ScoreTable]]) -> Table:
+    """Mean over classes of each member: IoU at .02, .05, .10, AUC with sd over draws, what AUC changed, labelled PCK; then AUC by class."""
+    classes = list(found[0][1].classes)
+    table = Table(title=f"{title} (mean over classes)", title_justify="left")
+    for column in ("step", "IoU .02", ".05", ".10", "AUC", "Δ AUC", "PCK .10", *(f"AUC {name}" for name in classes)):
+        table.add_column(column, justify="left" if column == "step" else "right", overflow="fold")
+    last: float | None = None
+    for label, scores in found:
+        mean = scores.mean
+        delta = "" if last is None else f"{mean.auc.mean - last:+.3f}"
+        each = [f"{scores.classes[name].auc.mean:.3f}" for name in classes]
+        at = [f"{_at(mean, threshold):.3f}" for threshold in (0.02, 0.05, 0.10)]
+        table.add_row(label, *at, f"{mean.auc.mean:.3f} ± {mean.auc.sd:.3f}", delta, f"{mean.pck.mean[-1]:.3f}", *each)
+        last = mean.auc.mean
+    return table
+
+
+def series_plot(found: list[tuple[str, ScoreTable]]) -> str:
+    """The same as one self-contained HTML page: a bar of AUC a member, with the sd over draws."""
+    import plotly.graph_objects as go
+
+    names = [label for label, _ in found]
+    auc = [scores.mean.auc for _, scores in found]
+    figure = go.Figure(go.Bar(x=[a.mean for a in auc], y=names, orientation="h", error_x={"array": [a.sd for a in auc]}))
+    height = 120 + 34 * len(found)
+    figure.update_layout(xaxis_title="AUC of IoU, 0 … .10", yaxis={"autorange": "reversed"}, margin={"l": 360}, height=height)
+    return str(figure.to_html(include_plotlyjs=True))
+
+
+def _at(scores: ClassScores, threshold: float) -> float:
+    distance = [abs(value - threshold) for value in scores.thresholds]
+    return scores.iou.mean[distance.index(min(distance))]
