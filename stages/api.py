@@ -25,7 +25,7 @@ class Run(EngineRun):
 
     @property
     def scores(self) -> pd.DataFrame:
-        """One row per class and threshold: iou, iou_sd, pck (labelled), and the class's auc. Raises ValueError before anything is scored."""
+        """One row per class and threshold: iou, iou_sd, pck (labelled), the class's auc. Raises ValueError before anything is scored."""
         import pandas as pd
 
         from stages.commands.scores import run_scores
