@@ -5,9 +5,9 @@
 | NormalizedShape | the mesh or cloud with its colours (glb: with its texture) | a picture | |
 | PointFeatures | candidates in PCA colours fitted on the class; scalars `count`, `observed` | the same | |
 | GeodesicDistances | candidates coloured by their distance from candidate 0; scalar `distance` | the same | |
-| Prediction | the shape, predicted keypoints as coloured spheres, annotated ones as small black ones | discs and rings | every keypoint of the run |
+| Prediction | the shape, predicted keypoints as coloured spheres, annotated ones as small black ones | discs, rings | all of the run |
 | Views | | contact sheet | |
-| ShapeScore | | | every shape, draw and threshold of the run |
+| ShapeScore | | | all of the run |
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from schemas.shape import NormalizedShape
 from schemas.views import Views
 from stages.report.coloring import class_basis, feature_colors, plasma
 from stages.report.gathering import Entry, Gathering
-from stages.report.painting import GREY, Mark
+from stages.report.painting import GREY, Mark, marks
 from stages.report.palette import id_color, rgb
 from stages.report.solids import RADIUS, TRUE_RADIUS, Part, merged, octahedra, sphere, write_glb, write_ply
 
@@ -59,8 +59,8 @@ def png(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, 
     base = artifact if isinstance(artifact, NormalizedShape) else entry.normalized
     if base is None or not isinstance(artifact, NormalizedShape | PointFeatures | GeodesicDistances | Prediction):
         raise ValueError(_refusal("png", stage, artifact))
-    marks = _marks(entry, artifact) if isinstance(artifact, Prediction) else []
-    Image.fromarray(picture(base, _candidate_colors(run, shape, stage, artifact), PICTURE, marks)).save(path)
+    found = marks(entry, artifact) if isinstance(artifact, Prediction) else []
+    Image.fromarray(picture(base, _candidate_colors(run, shape, stage, artifact), PICTURE, found)).save(path)
 
 
 def parquet(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path) -> None:
@@ -94,9 +94,9 @@ def _parts(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifac
     if not isinstance(normalized, NormalizedShape):
         raise ValueError(_refusal(suffix, stage, artifact))
     if isinstance(artifact, Prediction):
-        base = _shape_part(normalized) if len(normalized.faces) else octahedra("shape", normalized.points, _grey(len(normalized.points)))
-        marks = _marks(_entry(run, shape), artifact)
-        return [base, *(_ball(mark) for mark in marks)]
+        points = normalized.points
+        base = _shape_part(normalized) if normalized.kind == "mesh" else octahedra("shape", points, _grey(len(points)))
+        return [base, *(_ball(mark) for mark in marks(_entry(run, shape), artifact))]
     colors = _candidate_colors(run, shape, stage, artifact)
     assert colors is not None
     scalars = {}
@@ -118,12 +118,14 @@ def _candidate_colors(run: Run, shape: str, stage: str, artifact: Artifact) -> n
 
 
 def _shape_part(shape: NormalizedShape) -> Part:
-    if shape.face_uvs is not None and shape.texture is not None:   # corners of their own: one vertex may have several places in the texture
+    if shape.face_uvs is not None and shape.texture is not None:   # corners of their own: a vertex may have several uvs
         corners = np.arange(3 * len(shape.faces), dtype=np.int32).reshape(-1, 3)
         vertices = shape.vertices[shape.faces].reshape(-1, 3)
-        return Part("shape", vertices, _sampled(shape.texture, shape.face_uvs.reshape(-1, 2)), corners, uvs=shape.face_uvs.reshape(-1, 2), texture=shape.texture)
+        uvs = shape.face_uvs.reshape(-1, 2)
+        return Part("shape", vertices, _sampled(shape.texture, uvs), corners, uvs=uvs, texture=shape.texture)
     colors = shape.vertex_colors if shape.vertex_colors is not None else _grey(len(shape.vertices))
-    return Part("shape", shape.vertices, colors, shape.faces)
+    faces = shape.faces if shape.kind == "mesh" else np.zeros((0, 3), np.int32)
+    return Part("shape", shape.vertices, colors, faces)
 
 
 def _sampled(texture: np.ndarray, uvs: np.ndarray) -> np.ndarray:
@@ -132,14 +134,6 @@ def _sampled(texture: np.ndarray, uvs: np.ndarray) -> np.ndarray:
     column = np.floor(uvs[:, 0] % 1 * columns).astype(np.int64).clip(0, columns - 1)
     row = np.floor((1 - uvs[:, 1]) % 1 * rows).astype(np.int64).clip(0, rows - 1)
     return texture[row, column]
-
-
-def _marks(entry: Entry, prediction: Prediction) -> list[Mark]:
-    found = zip(prediction.ids, prediction.positions, prediction.present, strict=True)
-    marks = [Mark(at, int(number), False) for number, at, present in found if present]
-    if entry.keypoints is not None:
-        marks += [Mark(at, int(number), True) for number, at in zip(entry.keypoints.ids, entry.true_positions(), strict=True)]
-    return marks
 
 
 def _ball(mark: Mark) -> Part:

@@ -20,7 +20,7 @@ def report(
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE.html", help="Default: report.html in the run's folder.")] = None,
     inline: Annotated[
         bool | None,
-        typer.Option("--inline/--beside", help="3D views inside the page, or in files beside it. Default: inside if below 24 MB.", show_default=False),
+        typer.Option("--inline/--beside", show_default=False, help="3D views in the page, or in files beside. Default: in it below 8 MB."),
     ] = None,
     details: Annotated[int, typer.Option(min=0, metavar="N", help="At most N shapes with a 3D view (about 1 MB each).")] = 500,
 ) -> None:

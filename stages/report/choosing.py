@@ -30,8 +30,8 @@ def detailed(rows: list[dict[str, Any]], limit: int) -> set[int]:
     return set([*first, *even][:limit])
 
 
-def best_and_worst(shapes: list[Shape], rows: list[dict[str, Any]]) -> list[tuple[Shape, str]]:
-    """Each class's shape of largest and of smallest mean AUC, as (shape, "best" | "worst"); one of one is "best"."""
+def best_and_worst(rows: list[dict[str, Any]]) -> list[tuple[int, str]]:
+    """Each class's shape of largest and of smallest mean AUC, as (place, "best" | "worst"); one of one is "best"."""
     by_class: dict[str, list[int]] = defaultdict(list)
     for place, row in enumerate(rows):
         if row["auc"] is not None:
@@ -39,9 +39,9 @@ def best_and_worst(shapes: list[Shape], rows: list[dict[str, Any]]) -> list[tupl
     found = []
     for _, places in sorted(by_class.items()):
         ranked = sorted(places, key=lambda place: rows[place]["auc"])
-        found.append((shapes[ranked[-1]], "best"))
+        found.append((ranked[-1], "best"))
         if len(ranked) > 1:
-            found.append((shapes[ranked[0]], "worst"))
+            found.append((ranked[0], "worst"))
     return found
 
 

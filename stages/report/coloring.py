@@ -11,7 +11,10 @@ from stages.report.principal import Basis, fit_basis
 
 FITTED = 64   # shapes of a class that its basis is fitted on
 PLASMA = np.array(
-    [[13, 8, 135], [76, 2, 161], [126, 3, 168], [169, 35, 149], [204, 71, 120], [229, 108, 92], [248, 149, 64], [253, 196, 39], [240, 249, 33]]
+    [
+        [13, 8, 135], [76, 2, 161], [126, 3, 168], [169, 35, 149], [204, 71, 120],
+        [229, 108, 92], [248, 149, 64], [253, 196, 39], [240, 249, 33],
+    ]
 )
 """Nine stops of matplotlib's map of that name (CC0)."""
 

@@ -88,8 +88,10 @@ def _attempt(entry: Entry, attempt: Attempt) -> dict[str, Any]:
         {"id": int(i), "point": int(point), "at": _triple(at), "present": bool(here), "cost": _rounded(cost), "error": errors.get(int(i))}
         for i, point, at, here, cost in found
     ]
-    scored = None if score is None else {"thresholds": score.thresholds.tolist(), "iou": [_rounded(v) for v in iou(score)]}
-    return {"draw": attempt.draw, "method": prediction.method, "objective": _rounded(prediction.objective), "keypoints": keypoints, "score": scored}
+    return {
+        "draw": attempt.draw, "method": prediction.method, "objective": _rounded(prediction.objective), "keypoints": keypoints,
+        "iou": None if score is None else [_rounded(value) for value in iou(score)],
+    }
 
 
 def _triple(at: np.ndarray) -> list[float]:

@@ -51,7 +51,7 @@ def decode(residuals: np.ndarray, n: int) -> np.ndarray:
     for i in range(1, n):
         row = residuals[at : at + i].astype(np.int64)
         at += i
-        levels[i, :i] = np.cumsum(row + np.diff(levels[i - 1, :i].astype(np.int64), prepend=0)) % 256
+        levels[i, :i] = np.mod(np.cumsum(row + np.diff(levels[i - 1, :i].astype(np.int64), prepend=0)), 256)
     return np.maximum(levels, levels.T)
 
 

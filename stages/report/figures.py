@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from pipeline.run import Run
 
-MEAN = "#8a2432"
+MEAN = "#d0365a"
 QUOTED_COLOR = "#8b93a1"
 BAND = 0.14   # opacity of ± sd
 CAMERA = {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.05, "y": 0.75, "z": -1.35}}
@@ -36,15 +36,16 @@ def score_curves(table: ScoreTable, quoted: bool = True) -> go.Figure:
     for name, scores, color in curves:
         _add_curve(figure, name, scores, color, wide=name == "mean" or len(curves) == 1)
     for curve, dash in zip(QUOTED if quoted else (), ("dash", "dot", "solid"), strict=False):
+        words = "<br>".join(filter(None, [curve.name, *SOURCE.split("; "), curve.note, "%{x}: %{y:.2f}"]))
         figure.add_scatter(
             x=curve.thresholds, y=curve.iou, name=f"{curve.name} (paper)", mode="lines" if len(curve.iou) > 1 else "markers",
             line={"color": QUOTED_COLOR, "dash": dash, "width": 2}, marker={"color": QUOTED_COLOR, "symbol": "diamond", "size": 9},
-            hovertemplate=f"{curve.name}, {SOURCE}{f'; {curve.note}' if curve.note else ''}<br>%{{x}}: %{{y:.2f}}<extra></extra>".replace("; ", "<br>"),
+            hovertemplate=f"{words}<extra></extra>",
         )
     figure.update_layout(
-        template="none", height=380, margin={"l": 48, "r": 8, "t": 8, "b": 44}, hovermode="closest", hoverlabel={"align": "left"},
-        xaxis={"title": {"text": "threshold"}, "range": [0, max(table.mean.thresholds) * 1.02], "zeroline": False},
-        yaxis={"title": {"text": "IoU"}, "range": [0, 1], "zeroline": False}, legend={"orientation": "v", "x": 0.01, "y": 0.99, "bgcolor": "rgba(0,0,0,0)"},
+        template="none", height=430, margin={"l": 48, "r": 8, "t": 8, "b": 44}, hovermode="closest", hoverlabel={"align": "left"},
+        xaxis={"title": {"text": "threshold"}, "range": [0, max(table.mean.thresholds) * 1.02], "zeroline": False, "tickformat": ".2f"},
+        yaxis={"title": {"text": "IoU"}, "range": [0, 1], "zeroline": False}, legend={"orientation": "h", "x": 0, "y": -0.17},
     )
     return figure
 
@@ -80,12 +81,12 @@ def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
         basis = fit_basis([entry.features.features])
         colors = [f"rgb({r},{g},{b})" for r, g, b in basis.colors(basis.project(entry.features.features))]
     figure = go.Figure()
-    if len(normalized.faces):
-        figure.add_mesh3d(**_xyz(normalized.vertices), **dict(zip("ijk", normalized.faces.T, strict=True)), color="#aab1bb", flatshading=True, hoverinfo="skip")
+    if normalized.kind == "mesh":
+        corners = dict(zip("ijk", normalized.faces.T, strict=True))
+        figure.add_mesh3d(**_xyz(normalized.vertices), **corners, color="#aab1bb", flatshading=True, hoverinfo="skip")
     figure.add_scatter3d(**_xyz(normalized.points), mode="markers", marker={"size": 3, "color": colors}, name="candidates")
     truth = {} if entry.keypoints is None else dict(zip(entry.keypoints.ids.tolist(), entry.true_positions(), strict=True))
-    if truth:
-        _add_keypoints(figure, truth, "annotated", {"symbol": "circle-open", "size": 11, "color": "#111827", "line": {"width": 3}})
+    _add_keypoints(figure, truth, "annotated", {"symbol": "circle-open", "size": 11, "color": "#111827", "line": {"width": 3}})
     if attempt is not None:
         chosen = attempt.prediction.present
         found = dict(zip(attempt.prediction.ids[chosen].tolist(), attempt.prediction.positions[chosen], strict=True))
@@ -93,7 +94,8 @@ def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
         pairs = [(found[i], truth[i]) for i in found if i in truth]
         if pairs:
             gap = np.full(3, np.nan)
-            figure.add_scatter3d(**_xyz(np.stack([at for pair in pairs for at in (*pair, gap)])), mode="lines", line={"color": "#dc2626", "width": 5}, name="error")
+            ends = np.stack([at for pair in pairs for at in (*pair, gap)])
+            figure.add_scatter3d(**_xyz(ends), mode="lines", line={"color": "#dc2626", "width": 5}, name="error")
     hidden = {"visible": False}
     scene = {"aspectmode": "data", "camera": CAMERA, "dragmode": "turntable", "xaxis": hidden, "yaxis": hidden, "zaxis": hidden}
     figure.update_layout(title={"text": shape}, scene=scene, margin={"l": 0, "r": 0, "t": 40, "b": 0}, template="none")
@@ -104,18 +106,22 @@ def _add_curve(figure: go.Figure, name: str, scores: ClassScores, color: str, wi
     at, mean, sd = np.array(scores.thresholds), np.array(scores.iou.mean), np.array(scores.iou.sd)
     if scores.draws > 1:
         red, green, blue = rgb(color)
+        around = np.concatenate([mean + sd, (mean - sd)[::-1]])
         figure.add_scatter(
-            x=np.concatenate([at, at[::-1]]).tolist(), y=np.concatenate([mean + sd, (mean - sd)[::-1]]).tolist(), fill="toself", mode="lines",
-            line={"width": 0}, fillcolor=f"rgba({red},{green},{blue},{BAND})", hoverinfo="skip", legendgroup=name, showlegend=False, name=name,
+            x=np.concatenate([at, at[::-1]]).tolist(), y=around.clip(0, 1).tolist(), fill="toself", mode="lines", line={"width": 0},
+            fillcolor=f"rgba({red},{green},{blue},{BAND})", hoverinfo="skip", legendgroup=name, showlegend=False, name=name,
         )
     figure.add_scatter(
-        x=at.tolist(), y=mean.tolist(), name=name, legendgroup=name, mode="lines+markers", line={"color": color, "width": 3.5 if wide else 2},
-        marker={"size": 6}, customdata=sd.tolist(), hovertemplate=f"{name}<br>%{{x}}: %{{y:.3f}} ± %{{customdata:.3f}}<extra></extra>",
+        x=at.tolist(), y=mean.tolist(), name=name, legendgroup=name, mode="lines+markers", marker={"size": 6},
+        line={"color": color, "width": 3.5 if wide else 2}, customdata=sd.tolist(),
+        hovertemplate=f"{name}<br>%{{x}}: %{{y:.3f}} ± %{{customdata:.3f}}<extra></extra>",
     )
 
 
 def _add_keypoints(figure: go.Figure, keypoints: dict[int, np.ndarray], name: str, marker: dict[str, Any]) -> None:
-    figure.add_scatter3d(**_xyz(np.stack(list(keypoints.values()))), mode="markers+text", text=[str(i) for i in keypoints], marker=marker, name=name)
+    if keypoints:
+        at, words = np.stack(list(keypoints.values())), [str(number) for number in keypoints]
+        figure.add_scatter3d(**_xyz(at), mode="markers+text", text=words, marker=marker, name=name)
 
 
 def _xyz(points: np.ndarray) -> dict[str, np.ndarray]:

@@ -44,6 +44,8 @@ class Entry:
     views: Views | None = None
     keypoints: Keypoints | None = None
     attempts: list[Attempt] = field(default_factory=list)
+    waiting: bool = False
+    """Something of this shape is still to be made."""
     errors: list[str] = field(default_factory=list)
     """`<stage>: <error>` of what failed."""
 
@@ -70,6 +72,7 @@ class Gathering:
             self._draws[draw.category].append(draw.seed)
             for shot in draw.shots:
                 self._shots[shot.name].append(draw.seed)
+        self._waiting = {node.shape for node in self.plan.to_run()}
         self._errors: dict[str, list[str]] = defaultdict(list)
         for failure in failures(self.run, self.plan):
             self._errors[failure.shape].append(f"{failure.stage}: {failure.error}")
@@ -79,7 +82,8 @@ class Gathering:
 
     def entry(self, shape: Shape) -> Entry:
         """Raises KeyError where the data set cannot give the shape's annotation."""
-        found = Entry(shape, self._shots.get(shape.name, []), errors=list(self._errors.get(shape.name, [])))
+        found = Entry(shape, self._shots.get(shape.name, []), waiting=shape.name in self._waiting)
+        found.errors = list(self._errors.get(shape.name, []))
         found.normalized = self._read("normalize", shape, None, NormalizedShape)
         found.features = self._read("reweight", shape, None, PointFeatures) or self._read("backproject", shape, None, PointFeatures)
         found.distances = self._read("geodesic", shape, None, GeodesicDistances)

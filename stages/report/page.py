@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from stages.report.paper import QUOTED, SOURCE
 from stages.report.summary import costs, dataset_fields, origins, settings
 
 HERE = Path(__file__).parent
-SCRIPTS = ("details", "fields", "scene", "viewer", "curves", "table", "main")   # in this order
+SCRIPTS = ("details", "fields", "scene", "balls", "panel", "viewer", "curves", "table", "main")   # in this order
 AT = (2, 5, 10)   # places of thresholds .02, .05, .10
 COLUMNS = (
     ("name", "shape", "class and id"),
@@ -45,7 +46,7 @@ def render_page(
     inline: dict[str, str],
     draw: int | None,
 ) -> str:
-    """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to stand in it instead."""
+    """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to stand inside."""
     from jinja2 import Environment, FileSystemLoader
     from plotly.offline import get_plotlyjs
 
@@ -58,8 +59,8 @@ def render_page(
     environment = Environment(loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     safe = _markup()
     return environment.get_template("report.html").render(
-        run=_run(run, rows), cards=cards(rows, table, stage_costs, failures), table=score_lines(table) if table else None, paper_source=SOURCE,
-        examples=examples, classes=sorted({row["category"] for row in rows}), failures=failures,
+        run=_run(run, rows), cards=cards(rows, table, stage_costs), table=score_lines(table) if table else None,
+        paper_source=SOURCE, examples=examples, classes=sorted({row["category"] for row in rows}), failures=failures,
         columns=[{"key": key, "label": label, "means": means} for key, label, means in COLUMNS],
         costs=cost_lines(stage_costs), settings=fields, changed=[line for line in fields if line["differs"]], dataset=dataset_fields(run),
         origins=origins(run, plan), draws=_draws(plan), style=safe(_static("report.css")), theme_script=safe(_static("theme.js")),
@@ -73,7 +74,7 @@ def as_json(value: Any) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def cards(rows: list[dict[str, Any]], table: ScoreTable | None, stage_costs: list[dict[str, Any]], failures: list[Quarantined]) -> list[dict[str, str]]:
+def cards(rows: list[dict[str, Any]], table: ScoreTable | None, stage_costs: list[dict[str, Any]]) -> list[dict[str, str]]:
     """The figures at the top of the page."""
     found = []
     if table is not None:
@@ -85,13 +86,13 @@ def cards(rows: list[dict[str, Any]], table: ScoreTable | None, stage_costs: lis
                 found.append({"label": f"IoU {_threshold(mean, place)}", "value": _figure(mean.iou.mean[place], 2), "note": note})
         found.append({"label": f"labelled PCK {_threshold(mean, -1)}", "value": _figure(mean.pck.mean[-1], 2), "note": note})
         found.append({"label": "ceiling of IoU", "value": _figure(mean.ceiling, 2), "note": "perfect, labelled, from these shots"})
-    failed = len({failure.shape for failure in failures})
-    waiting = sum(row["state"] == "waiting" for row in rows)
-    states = [f"{failed} failed" if failed else "none failed", f"{waiting} waiting" if waiting else ""]
-    found.append({"label": "shapes", "value": f"{len(rows):,}", "note": ", ".join(filter(None, states))})
+    states = Counter(row["state"] for row in rows)
+    note = ", ".join(f"{states[state]} {state}" for state in ("failed", "waiting") if states[state]) or "all done"
+    found.append({"label": "shapes", "value": f"{len(rows):,}", "note": note})
     seconds, stored = sum(cost["seconds"] for cost in stage_costs), sum(cost["bytes"] for cost in stage_costs)
     found.append({"label": "computed in", "value": duration(seconds), "note": "all workers together"})
-    found.append({"label": "stored", "value": f"{stored / 1e6:,.0f} MB" if stored < 1e10 else f"{stored / 1e9:,.1f} GB", "note": f"{sum(c['made'] for c in stage_costs):,} artifacts"})
+    size = f"{stored / 1e6:,.0f} MB" if stored < 1e10 else f"{stored / 1e9:,.1f} GB"
+    found.append({"label": "stored", "value": size, "note": f"{sum(cost['made'] for cost in stage_costs):,} artifacts"})
     return found
 
 
@@ -116,7 +117,7 @@ def cost_lines(stage_costs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [
         {
             **cost, "share": round(100 * cost["seconds"] / slowest, 1), "stored_share": round(100 * cost["bytes"] / largest, 1),
-            "total": f"{cost['seconds']:,.1f}", **{key: f"{cost[key]:.2f}" for key in ("median", "p95", "slowest")},
+            "total": f"{cost['seconds']:,.1f}", **{key: f"{cost[key]:.3f}" for key in ("median", "p95", "slowest")},
             "peak": f"{cost['peak_mb']:,.0f}", "stored": f"{cost['bytes'] / 1e6:,.1f}", "each": f"{cost['bytes_each'] / 1e6:.2f}",
         }
         for cost in stage_costs
@@ -134,7 +135,8 @@ def duration(seconds: float) -> str:
 def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -> dict[str, Any]:
     return {
         "name": name, "color": color, "targets": scores.targets, "auc": f"{_figure(scores.auc.mean)} ± {_figure(scores.auc.sd)}",
-        "iou": [_figure(scores.iou.mean[place], 2) for place in places], "pck": _figure(scores.pck.mean[places[-1]], 2), "ceiling": _figure(scores.ceiling, 2),
+        "iou": [_figure(scores.iou.mean[place], 2) for place in places], "pck": _figure(scores.pck.mean[places[-1]], 2),
+        "ceiling": _figure(scores.ceiling, 2),
     }
 
 
@@ -154,13 +156,14 @@ def _run(run: Run, rows: list[dict[str, Any]]) -> dict[str, Any]:
     encoder = getattr(run.config.params.get("extract"), "encoder", None)
     made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
     return {
-        "name": run.name, "shots": shots.count, "line": f"{line} · {encoder}" if encoder else line, "made": made, "version": version("b23d"),
+        "name": run.name, "shots": shots.count, "line": f"{line} · {encoder}" if encoder else line, "made": made,
+        "version": version("b23d"),
         "location": f"run file {run.config.path.name}" + "".join(f", --set {text}" for text in run.config.overrides),
     }
 
 
 def _draws(plan: Plan) -> list[dict[str, Any]]:
-    return [{"category": draw.category, "seed": draw.seed, "error": draw.error, "shots": [shot.id for shot in draw.shots]} for draw in plan.draws]
+    return [{"category": d.category, "seed": d.seed, "error": d.error, "shots": [shot.id for shot in d.shots]} for d in plan.draws]
 
 
 def _curves(table: ScoreTable) -> str:

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from schemas.keypoints import Prediction
 from schemas.shape import NormalizedShape
 from schemas.views import Views
 from stages.geometry.cameras import rotations
+from stages.report.gathering import Entry
 from stages.report.palette import id_color
 from stages.report.surface import point_normals
 
@@ -36,7 +38,7 @@ class Mark:
     """Drawn as a ring; predicted ones as discs."""
 
 
-def picture(shape: NormalizedShape, colors: np.ndarray | None, size: int, marks: Iterable[Mark] = ()) -> np.ndarray:
+def picture(shape: NormalizedShape, colors: np.ndarray | None, size: int, keypoints: Iterable[Mark] = ()) -> np.ndarray:
     """(size, size, 4) uint8, transparent where the shape is not. `colors` (n, 3) uint8 of the candidates; None: grey.
 
     Predicted and true keypoints of one id are joined by a line.
@@ -52,7 +54,7 @@ def picture(shape: NormalizedShape, colors: np.ndarray | None, size: int, marks:
     offset = pixels / 2 - scale * (low + high) / 2
     radius = 0.011 * pixels if len(points) > 8000 else max(1.5, 0.7 * scale * _spacing(points))
     canvas = _splat(seen[:, :2] * scale + offset, seen[:, 2], np.clip(base * shade[:, None], 0, 255), pixels, radius)
-    return _shrunk(_marked(canvas, list(marks), eye, scale, offset))
+    return _shrunk(_marked(canvas, list(keypoints), eye, scale, offset))
 
 
 def view_picture(views: Views, size: int) -> np.ndarray:
@@ -74,6 +76,14 @@ def view_picture(views: Views, size: int) -> np.ndarray:
     return np.asarray(Image.fromarray(rgba).resize((size, size)))
 
 
+def marks(entry: Entry, prediction: Prediction) -> list[Mark]:
+    """Marks of the keypoints judged present and of the annotated ones."""
+    found = zip(prediction.ids, prediction.positions, prediction.present, strict=True)
+    truth = entry.keypoints.ids if entry.keypoints is not None else ()
+    predicted = [Mark(at, int(number), False) for number, at, present in found if present]
+    return predicted + [Mark(at, int(number), True) for number, at in zip(truth, entry.true_positions(), strict=True)]
+
+
 def webp(image: np.ndarray, quality: int = 80) -> bytes:
     """(row, column, 4) uint8 as a WebP file."""
     from PIL import Image
@@ -85,7 +95,7 @@ def webp(image: np.ndarray, quality: int = 80) -> bytes:
 
 def _surface_points(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (m, 3), normals (m, 3) and each one's nearest candidate (m,): many of a mesh, the candidates of a cloud."""
-    if not len(shape.faces):
+    if shape.kind == "cloud":
         return shape.points.astype(np.float64), point_normals(shape), np.arange(len(shape.points))
     from scipy.spatial import cKDTree
 
@@ -121,15 +131,15 @@ def _splat(at: np.ndarray, depth: np.ndarray, colors: np.ndarray, pixels: int, r
     return canvas
 
 
-def _marked(canvas: np.ndarray, marks: list[Mark], eye: np.ndarray, scale: float, offset: np.ndarray) -> np.ndarray:
+def _marked(canvas: np.ndarray, keypoints: list[Mark], eye: np.ndarray, scale: float, offset: np.ndarray) -> np.ndarray:
     from PIL import Image, ImageDraw
 
-    if not marks:
+    if not keypoints:
         return canvas
     image = Image.fromarray(canvas)
     draw, pixels = ImageDraw.Draw(image), len(canvas)
-    radius, line = pixels * 0.019, max(2, round(pixels * 0.007))
-    places = {(mark.true, mark.id): (mark.position @ eye.T)[:2] * scale + offset for mark in marks}
+    radius, line = pixels * 0.023, max(2, round(pixels * 0.008))
+    places = {(mark.true, mark.id): (mark.position @ eye.T)[:2] * scale + offset for mark in keypoints}
     for (true, number), place in places.items():
         if not true and (True, number) in places:
             draw.line([tuple(place), tuple(places[True, number])], fill=(220, 38, 38, 255), width=line)

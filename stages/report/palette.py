@@ -18,8 +18,8 @@ def id_color(number: int) -> str:
 
 
 def class_color(place: int) -> str:
-    """`#rrggbb` of the class at this place of the list (Okabe and Ito 2008: told apart by colour-blind readers, too)."""
-    colors = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6bb1", "#a6761d")
+    """`#rrggbb` of the class at this place of the list; near Okabe and Ito's (2008) for colour-blind readers, legible on dark, too."""
+    colors = ("#3b8fd0", "#e06b1f", "#1fa37a", "#cc79a7", "#d9a21b", "#7f8c3b", "#9a7fd1", "#b0802f")
     return colors[place % len(colors)]
 
 

@@ -32,7 +32,7 @@ def row(entry: Entry) -> dict[str, Any]:
         "draws": [attempt.draw for attempt in entry.attempts],
         "shot": entry.shot_of,
         "errors": entry.errors,
-        "state": "failed" if entry.errors else "done" if entry.attempts or entry.shot_of else "waiting",
+        "state": "failed" if entry.errors else "waiting" if entry.waiting else "done",
     }
 
 

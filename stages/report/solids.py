@@ -43,7 +43,8 @@ def octahedra(name: str, points: np.ndarray, colors: np.ndarray) -> Part:
     corners = POINT * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     sides = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
     faces = sides + 6 * np.arange(len(points))[:, None, None]
-    return Part(name, (points[:, None] + corners).reshape(-1, 3).astype(np.float32), np.repeat(colors, 6, axis=0), faces.reshape(-1, 3).astype(np.int32))
+    vertices = (points[:, None] + corners).reshape(-1, 3).astype(np.float32)
+    return Part(name, vertices, np.repeat(colors, 6, axis=0), faces.reshape(-1, 3).astype(np.int32))
 
 
 def merged(parts: list[Part]) -> Part:
@@ -78,7 +79,7 @@ def write_ply(part: Part, path: Path, comments: list[str]) -> None:
     faces["count"], faces["corners"] = 3, part.faces
     if len(faces):
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    path.write_bytes("\n".join([*header, "end_header", ""]).encode("ascii", "replace") + table.tobytes() + (faces.tobytes() if len(faces) else b""))
+    path.write_bytes("\n".join([*header, "end_header", ""]).encode("ascii", "replace") + table.tobytes() + faces.tobytes())
 
 
 def write_glb(parts: list[Part], path: Path) -> None:

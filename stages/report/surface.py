@@ -10,7 +10,8 @@ import numpy as np
 from schemas.shape import NormalizedShape
 from stages.report.packing import pack
 
-FACES = 30_000   # a page draws this many without delay; they take some 300 kB
+FACES = 30_000   # a page draws this many without delay; they take some 200 kB
+EDGE = 0.03      # unit frame; longer edges are divided, so that colours at vertices follow candidates, which lie 0.015 apart
 NEIGHBORS = 12
 
 
@@ -25,11 +26,12 @@ class Surface:
 
 
 def surface_of(shape: NormalizedShape, limit: int = FACES) -> Surface | None:
-    """The shape's mesh with at most `limit` faces and no unused vertex; None for a cloud.
+    """The shape's mesh with about `limit` faces at most and no unused vertex; None for a cloud.
 
     Too many faces: vertices are merged cell by cell of a grid (Rossignac and Borrel 1993), coarser until they are few enough.
+    Large faces: divided, while there is room.
     """
-    if not len(shape.faces):
+    if shape.kind == "cloud":
         return None
     vertices, faces = _used(shape.vertices, shape.faces)
     cells = 256
@@ -38,6 +40,8 @@ def surface_of(shape: NormalizedShape, limit: int = FACES) -> Surface | None:
     while len(found[1]) > limit and cells > 8:
         found = _clustered(vertices, faces, cells)
         cells = int(cells / 1.3)
+    if not coarse:
+        found = _divided(*found, limit)
     return Surface(found[0].astype(np.float32), found[1].astype(np.int32), coarse)
 
 
@@ -57,7 +61,7 @@ def pack_surface(surface: Surface, points: np.ndarray) -> dict[str, Any]:
 
 def point_normals(shape: NormalizedShape) -> np.ndarray:
     """(n, 3) float32 unit normals of the candidates, of either sign: their face's, or that of the plane through near points."""
-    if len(shape.faces) and (shape.point_faces >= 0).all():
+    if shape.kind == "mesh" and (shape.point_faces >= 0).all():
         corners = shape.vertices[shape.faces[shape.point_faces]].astype(np.float64)
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     else:
@@ -70,6 +74,22 @@ def point_normals(shape: NormalizedShape) -> np.ndarray:
         _, vectors = np.linalg.eigh(np.einsum("nkx,nky->nxy", around, around))
         normals = vectors[:, :, 0]
     return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+
+
+def _divided(vertices: np.ndarray, faces: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces with an edge longer than `EDGE` cut in four, again and again, until that would make more than `limit`."""
+    while True:
+        corners = vertices[faces]
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        long = longest > EDGE
+        if not long.any() or len(faces) + 3 * int(long.sum()) > limit:
+            return _used(vertices, faces)
+        split = faces[long]
+        a, b, c = (np.arange(len(split)) + len(vertices) + i * len(split) for i in range(3))
+        middles = [(vertices[split[:, i]] + vertices[split[:, (i + 1) % 3]]) / 2 for i in range(3)]
+        quarters = [(split[:, 0], a, c), (a, split[:, 1], b), (c, b, split[:, 2]), (a, b, c)]
+        vertices = np.concatenate([vertices, *middles])
+        faces = np.concatenate([faces[~long], *(np.stack(quarter, axis=1) for quarter in quarters)])
 
 
 def _used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

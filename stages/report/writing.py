@@ -20,12 +20,13 @@ from stages.report.details import details
 from stages.report.gathering import Entry, Gathering, failures
 from stages.report.packing import data_uri
 from stages.report.page import as_json, render_page
-from stages.report.painting import Mark, picture, view_picture, webp
+from stages.report.painting import marks, picture, view_picture, webp
 from stages.report.principal import Basis
 from stages.report.rows import iou, row
 
 THUMB, EXAMPLE = 112, 520   # pixels; both are shown at half that
-INLINE = 24                 # megabytes of details that a page holds itself, unless told otherwise
+INLINE = 8                  # megabytes of details that a page holds itself, unless told otherwise
+Bases = dict[str, Basis | None]   # class → basis of its features
 MEND = "b23d verify removes it, then b23d run makes it again"
 
 
@@ -52,7 +53,7 @@ def write_report(
 ) -> Written:
     """Write `runs/<name>/report.html`, or `out`, with 3D views of at most `limit` shapes.
 
-    inline: details inside the page; None: if they take less than 24 MB. Else they lie in `<page>-details/`, one file a shape.
+    inline: details inside the page; None: if they take less than 8 MB. Else they lie in `<page>-details/`, one file a shape.
     draw: whose predictions are shown first; None: the first there is.
     Raises ValueError where the run has made nothing yet, OSError where it cannot write.
     """
@@ -73,7 +74,8 @@ def write_report(
             entry = gathered.entry(shape)
             thumb = _thumbnail(entry, basis)
             if place in chosen:
-                (spool / f"{keys[place]}.js").write_text(f"b23d.arrive({as_json(keys[place])},{as_json(details(entry, basis))});\n")
+                script = f"b23d.arrive({as_json(keys[place])},{as_json(details(entry, basis))});\n"
+                (spool / f"{keys[place]}.js").write_text(script)
             return {"thumb": thumb, "details": keys[place] if place in chosen else None}
         except B23dError as error:   # a damaged artifact costs its shape's view, not the report
             return {"thumb": None, "details": None, "errors": [f"report: {error}; {MEND}"], "state": "failed"}
@@ -89,16 +91,20 @@ def write_report(
 
 
 def _publish(
-    gathered: Gathering, rows: list[dict[str, Any]], bases: dict[str, Basis | None], out: Path, spool: Path, inline: bool | None, draw: int | None
+    gathered: Gathering, rows: list[dict[str, Any]], bases: Bases, out: Path, spool: Path, inline: bool | None, draw: int | None
 ) -> Written:
     run, folder = gathered.run, out.with_name(f"{out.stem}-details")
     files = sorted(spool.iterdir())
     size = sum(path.stat().st_size for path in files)
     inside = inline if inline is not None else size <= INLINE * 1e6
-    examples = [_example(gathered, shape, which, bases, draw) for shape, which in best_and_worst(run.shapes, rows)]
+    drawn = [_example(gathered, run.shapes[place], bases, draw) for place, _ in best_and_worst(rows)]
+    examples = [
+        {"which": which, "mean": f"{rows[place]['auc']:.3f}", **example}
+        for (place, which), example in zip(best_and_worst(rows), drawn, strict=True)
+        if example is not None
+    ]
     scripts = {path.stem: path.read_text() for path in files} if inside else {}
-    lost = failures(run, gathered.plan)
-    page = render_page(run, gathered.plan, rows, _table(run), [e for e in examples if e], lost, folder.name, scripts, draw)
+    page = render_page(run, gathered.plan, rows, _table(run), examples, failures(run, gathered.plan), folder.name, scripts, draw)
     out.write_text(page, encoding="utf-8")
     shutil.rmtree(folder, ignore_errors=True)
     if not inside:
@@ -117,25 +123,29 @@ def _row(gathered: Gathering, shape: Shape) -> dict[str, Any]:
 def _thumbnail(entry: Entry, basis: Basis | None) -> str | None:
     if entry.normalized is None:
         return None
-    image = view_picture(entry.views, THUMB) if entry.views is not None else picture(entry.normalized, feature_colors(entry.features, basis), THUMB)
+    if entry.views is not None:
+        image = view_picture(entry.views, THUMB)
+    else:
+        image = picture(entry.normalized, feature_colors(entry.features, basis), THUMB)
     return data_uri(webp(image, 70), "image/webp")
 
 
-def _example(gathered: Gathering, shape: Shape, which: str, bases: dict[str, Basis | None], draw: int | None) -> dict[str, Any] | None:
+def _example(gathered: Gathering, shape: Shape, bases: Bases, draw: int | None) -> dict[str, Any] | None:
+    """The shape's picture with the keypoints of one draw; None where there is none of it."""
     try:
         entry = gathered.entry(shape)
         attempt = entry.attempt(draw) or entry.attempt()
         if entry.normalized is None or attempt is None or attempt.score is None:
             return None
-        found = attempt.prediction
-        marks = [Mark(at, int(i), False) for i, at, here in zip(found.ids, found.positions, found.present, strict=True) if here]
-        if entry.keypoints is not None:
-            marks += [Mark(at, int(i), True) for i, at in zip(entry.keypoints.ids, entry.true_positions(), strict=True)]
-        image = data_uri(webp(picture(entry.normalized, feature_colors(entry.features, bases[shape.category]), EXAMPLE, marks)), "image/webp")
+        colors = feature_colors(entry.features, bases[shape.category])
+        image = webp(picture(entry.normalized, colors, EXAMPLE, marks(entry, attempt.prediction)))
+        auc = f"{iou(attempt.score).mean():.3f}"
     except B23dError:
         return None
-    auc = f"{iou(attempt.score).mean():.3f}"
-    return {"name": shape.name, "id": shape.id, "category": shape.category, "which": which, "image": image, "auc": auc, "draw": attempt.draw}
+    return {
+        "name": shape.name, "id": shape.id, "category": shape.category, "draw": attempt.draw, "auc": auc,
+        "image": data_uri(image, "image/webp"),
+    }
 
 
 def _table(run: Run) -> ScoreTable | None:

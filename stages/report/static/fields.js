@@ -5,7 +5,6 @@
   // Nine stops each of matplotlib's perceptually uniform maps (CC0).
   const MAPS = {
     viridis: [[68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121], [109, 205, 89], [253, 231, 37]],
-    magma: [[0, 0, 4], [28, 16, 68], [79, 18, 123], [129, 37, 129], [181, 54, 122], [229, 80, 100], [251, 135, 97], [254, 194, 135], [252, 253, 191]],
     plasma: [[13, 8, 135], [76, 2, 161], [126, 3, 168], [169, 35, 149], [204, 71, 120], [229, 108, 92], [248, 149, 64], [253, 196, 39], [240, 249, 33]],
   };
   const UNSEEN = "rgb(232,62,140)";
@@ -61,7 +60,7 @@
       for (let c = 0; c < vector.length; c++) sum += shape.features[i * vector.length + c] * vector[c];
       values[i] = sum;
     }
-    return scalar(values, -0.2, 1, "feature similarity (cosine)", "magma");
+    return scalar(values, -0.2, 1, "feature similarity (cosine)", "viridis");
   }
 
   const vectorOf = (shape, point) => shape.features && shape.features.slice(point * shape.channels, (point + 1) * shape.channels);

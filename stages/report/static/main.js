@@ -4,8 +4,19 @@
 (() => {
   b23d.data = JSON.parse(document.getElementById("data").textContent);
   b23d.data.rows.forEach((row, place) => { row.place = place; });
+  // The library is 5 MB: the page is shown first, figures come right after.
+  let started = null;
+  b23d.plotly = () => {
+    started ||= new Promise((resolve) => setTimeout(() => {
+      const script = document.createElement("script"), text = document.getElementById("plotly");
+      script.textContent = text.textContent;
+      document.head.append(script);
+      text.remove();
+      resolve();
+    }, 30));
+    return started;
+  };
   document.getElementById("theme").addEventListener("click", b23d.theme.toggle);
-  b23d.startCurves();
   const open = b23d.startViewer();
   b23d.startTable(open);
   document.querySelectorAll("[data-open]").forEach((element) => element.addEventListener("click", () => open(element.dataset.open)));
@@ -13,4 +24,5 @@
   const follow = () => { if (b23d.data.rows.some((row) => row.name === named())) open(named()); };
   window.addEventListener("hashchange", follow);
   follow();
+  b23d.plotly().then(b23d.startCurves);
 })();

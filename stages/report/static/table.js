@@ -5,7 +5,7 @@
   const CHUNK = 80;
   const state = { key: "name", descending: false, shown: [], drawn: 0 };
   const figure = (digits) => (value) => (value == null ? "" : value.toFixed(digits).replace(/^(-?)0\./, "$1."));
-  const percent = (value) => (value == null ? "" : value === 0 ? "0" : `${(100 * value).toFixed(1)} %`);
+  const percent = (value) => (value == null ? "" : value === 0 ? "0 %" : `${(100 * value).toFixed(1)} %`);
   const whole = (value) => (value == null ? "" : String(Math.round(10 * value) / 10));
   const COLUMNS = [
     { key: "name", cell: nameCell },

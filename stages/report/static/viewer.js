@@ -30,7 +30,7 @@
       if (event.key === "ArrowLeft") step(-1);
       if (event.key === "ArrowRight") step(1);
     });
-    b23d.theme.onChange(() => scenes.forEach((scene) => scene.theme()));
+    b23d.theme.onChange(async () => { for (const scene of scenes) await scene.theme(); paint(); });
     return open;
   };
 
@@ -41,19 +41,21 @@
     if (!row) return;
     Object.assign(state, { shapes: [null, null], reference: null });
     if (!dialog.open) dialog.showModal();
+    dialog.focus();
     history.replaceState(null, "", `#${encodeURIComponent(name)}`);
     part("title").textContent = row.id;
-    part("subtitle").textContent = subtitle(row);
+    part("subtitle").textContent = b23d.panel.subtitle(row);
     part("errors").textContent = row.errors.join("\n");
     part("side-1").hidden = true;
+    part("name-0").textContent = "";
     scenes[1].close();
-    fillOthers(row);
-    const shape = await read(row, mine);
+    b23d.panel.fillOthers(row);
+    const [shape] = await Promise.all([read(row, mine), b23d.plotly()]);
     if (mine !== ticket) return;
     part("controls").hidden = !shape;
     if (!shape) { scenes[0].close(); return; }
     state.shapes[0] = shape;
-    fillDraws(shape);
+    state.draw = b23d.panel.fillDraws(shape, state.draw);
     for (const input of dialog.querySelectorAll("[name=mode]")) input.disabled = !NEEDS[input.value](shape);
     if (!NEEDS[state.mode](shape)) state.mode = "plain";
     dialog.querySelector(`[name=mode][value=${state.mode}]`).checked = true;
@@ -63,7 +65,8 @@
   }
 
   async function read(row, mine) {
-    message(row.details ? "loading …" : row.errors.length ? "" : "no 3D view of this shape in this report; make one with more: b23d report RUN --details N");
+    const none = row.points ? "no 3D view of this shape in this report; make one with more: b23d report RUN --details N" : "not run yet";
+    message(row.details ? "loading …" : row.errors.length ? "" : none);
     if (!row.details) return null;
     try {
       const shape = await b23d.load(row.details);
@@ -80,20 +83,32 @@
     part("side-1").hidden = !row;
     if (!row) {
       scenes[1].close();
+      part("name-0").textContent = "";
       state.shapes[1] = null;
       if (state.reference?.side === 1) state.reference = null;
-      window.dispatchEvent(new Event("resize"));
+      await refit();
       return paint();
     }
     const shape = await read(row, mine);
     if (mine !== ticket || !shape || part("other").value !== name) return undefined;
     state.shapes[1] = shape;
     if (state.reference?.side === 1) state.reference = null;
+    part("name-0").textContent = state.shapes[0].name.split("/").pop();
     part("name-1").textContent = row.id;
-    scenes[1].camera = scenes[0].camera;
-    await scenes[1].show(shape);
-    window.dispatchEvent(new Event("resize"));
+    await refit();
     return paint();
+  }
+
+  // Panels have changed their width: both take the same first view again.
+  async function refit() {
+    const far = (camera) => Math.hypot(...Object.values(camera.eye));
+    const views = scenes.filter((scene, side) => state.shapes[side]).map((scene, side) => scene.fitted(state.shapes[side]));
+    const camera = views.reduce((a, b) => (far(b) > far(a) ? b : a));
+    for (const [side, shape] of state.shapes.entries()) {
+      if (!shape) continue;
+      await scenes[side].show(shape, camera);
+      await Plotly.Plots.resize(part(`scene-${side}`));
+    }
   }
 
   function pick(side, point) {
@@ -128,8 +143,9 @@
     const [first] = state.shapes;
     if (!first) return;
     const painted = fieldsNow();
-    legend(painted[state.reference?.side ?? 0]?.field ?? painted[0].field);
-    keypointTable(first, attemptOf(first));
+    const hint = HINTS[state.mode] && !state.reference ? HINTS[state.mode] : "";
+    b23d.panel.legend(painted[state.reference?.side ?? 0]?.field ?? painted[0].field, hint);
+    b23d.panel.keypoints(first, attemptOf(first));
     part("dialog").dataset.painted = "";
     for (const [side, item] of painted.entries()) {
       if (item && scenes[side].shape) await scenes[side].paint(item.field, attemptOf(state.shapes[side]), state.options, item.marked);
@@ -140,64 +156,9 @@
   const attemptOf = (shape) => shape.attempts.find((attempt) => attempt.draw === state.draw) || null;
   const message = (text) => { part("message").textContent = text; };
 
-  function subtitle(row) {
-    const facts = [row.category];
-    if (row.points) facts.push(`${row.kind}, ${row.points} candidates`);
-    if (row.auc != null) facts.push(`AUC ${row.auc.toFixed(3)}`, `IoU .10 ${row.iou10.toFixed(2)}`);
-    if (row.shot.length) facts.push(`shot in draw ${row.shot.join(", ")}`);
-    return facts.join(" · ");
-  }
-
-  function fillDraws(shape) {
-    const options = shape.attempts.map((attempt) => {
-      const auc = attempt.score && attempt.score.iou.reduce((a, b) => a + b, 0) / attempt.score.iou.length;
-      return new Option(`draw ${attempt.draw}${auc == null ? "" : `: AUC ${auc.toFixed(3)}`}`, attempt.draw);
-    });
-    part("draw").replaceChildren(...(options.length ? options : [new Option("no prediction", "")]));
-    part("draw").disabled = options.length < 2;
-    const draws = shape.attempts.map((attempt) => attempt.draw), wanted = state.draw ?? b23d.data.draw;
-    state.draw = draws.includes(wanted) ? wanted : (draws[0] ?? null);
-    if (state.draw !== null) part("draw").value = state.draw;
-  }
-
-  function fillOthers(row) {
-    const others = b23d.data.rows.filter((other) => other.category === row.category && other.name !== row.name && other.details);
-    part("other").replaceChildren(new Option("nothing", ""), ...others.map((other) => new Option(other.id, other.name)));
-    part("other").disabled = !others.length;
-  }
-
   function step(by) {
     const shown = b23d.shownRows(), at = shown.findIndex((row) => row.name === decodeURIComponent(location.hash.slice(1)));
     const next = shown[at + by];
     if (next) open(next.name);
-  }
-
-  function legend(field) {
-    const scalar = field.values !== null;
-    part("bar").hidden = !scalar;
-    if (scalar) {
-      part("gradient").style.background = b23d.fields.gradient(field.map);
-      part("low").textContent = Number(field.low.toFixed(2));
-      part("high").textContent = Number(field.high.toFixed(2));
-    }
-    const hint = HINTS[state.mode] && !state.reference ? HINTS[state.mode] : "";
-    part("legend").textContent = hint || [field.label, field.note].filter(Boolean).join(". ");
-  }
-
-  function keypointTable(shape, attempt) {
-    const truth = new Set(shape.truth.map((k) => k.id)), found = new Set(attempt ? attempt.keypoints.map((k) => k.id) : []);
-    const lines = attempt ? attempt.keypoints.map((k) => [k.id, k.present ? (truth.has(k.id) ? "" : "not annotated") : "judged absent", k.error, k.cost]) : [];
-    for (const k of shape.truth) if (!found.has(k.id)) lines.push([k.id, attempt ? "not predicted" : "annotated", null, null]);
-    part("keypoints").replaceChildren(...lines.map(([id, note, error, cost]) => {
-      const line = document.createElement("tr");
-      const color = id < 0 ? "#808080" : b23d.data.idColors[id % b23d.data.idColors.length];
-      line.append(...[id < 0 ? "–" : id, error == null ? note : `${error.toFixed(3)}${note ? ` ${note}` : ""}`, cost == null ? "" : cost.toFixed(2)].map((text) => {
-        const cell = document.createElement("td");
-        cell.textContent = text;
-        return cell;
-      }));
-      line.firstChild.style.setProperty("--dot", color);
-      return line;
-    }));
   }
 })();
