@@ -5,7 +5,7 @@ Shape i of a class depends on (class, seed, i) only, so raising `count` changes 
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -13,8 +13,11 @@ from pydantic import Field
 from pipeline.dataset import Dataset, Leaf, Shape, dataset
 from schemas.shape import Keypoints, Parts, Source
 
+if TYPE_CHECKING:
+    from stages.datasets.procedural.assembling import Model
+
 Category = Literal["chair", "table", "airplane", "mug"]
-VERSION = 1
+VERSION = 2
 """Raise it when the shapes change: it enters their addresses."""
 
 
@@ -22,7 +25,7 @@ VERSION = 1
 class Procedural(Dataset):
     kind: Literal["procedural"]
     classes: list[Category] = ["chair", "table", "airplane", "mug"]
-    count: int = Field(12, ge=1)
+    count: int = Field(12, ge=1, le=10_000)
     """Shapes of each class."""
     seed: int = 0
 
@@ -64,12 +67,17 @@ def load_parts(files: dict[str, bytes], values: dict[str, Any]) -> Parts:
     return Parts(points=model.centroids(), labels=model.face_labels, names=model.part_names)
 
 
-def _model(values: dict[str, Any]) -> Any:
+def generated(category: str, seed: int, index: int) -> Model:
+    """Shape `index` of a class: its surface, keypoints, parts, and the style that was drawn."""
     from stages.datasets.procedural.airplanes import airplane
     from stages.datasets.procedural.chairs import chair
     from stages.datasets.procedural.drawing import Draw
     from stages.datasets.procedural.mugs import mug
     from stages.datasets.procedural.tables import table
 
-    make = {"chair": chair, "table": table, "airplane": airplane, "mug": mug}[values["class"]]
-    return make(Draw(values["class"], values["seed"], values["index"]))
+    make = {"chair": chair, "table": table, "airplane": airplane, "mug": mug}[category]
+    return make(Draw(category, seed, index))
+
+
+def _model(values: dict[str, Any]) -> Model:
+    return generated(values["class"], values["seed"], values["index"])

@@ -1,164 +1,255 @@
-"""Airplanes: a turned fuselage, wings, a tail, and engines or none. Built in metres; the nose is at -z."""
+"""Airplanes of five families: airliners, business jets, turboprops, light airplanes, gliders.
+
+Built in fuselage lengths; the nose is at -z. Keypoint ids are KeypointNet's.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from stages.datasets.procedural.assembling import Assembly, Model
 from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.solids import Solid, circle, loft, refined, revolve
+from stages.datasets.procedural.engines import COWLING, FAN, NACELLE, SPINNER, blades, pylon, turned
+from stages.datasets.procedural.forms import box
+from stages.datasets.procedural.fuselages import Fuselage
+from stages.datasets.procedural.solids import Solid, crossing
+from stages.datasets.procedural.wings import Section, edges, fin, span
 
 KEYPOINTS = (
-    "nose", "tail_end", "left_wing_tip", "right_wing_tip", "left_wing_root_front", "right_wing_root_front",
-    "left_tail_tip", "right_tail_tip", "fin_top", "left_engine_front", "right_engine_front",
-    "left_outer_engine_front", "right_outer_engine_front",
+    "nose", "cockpit_top", "tail_end", "left_wing_tip", "left_wing_root_front", "right_wing_tip", "right_wing_root_front",
+    "left_tail_tip", "right_tail_tip", "fin_top", "left_tail_engine", "right_tail_engine", "left_wing_root_back",
+    "right_wing_root_back", "left_inner_engine", "right_inner_engine", "left_outer_engine", "right_outer_engine",
 )  # fmt: skip
 PARTS = ("body", "wing", "tail", "engine")
+GLASS = {"glass": "#43586b", "dark": "#3a3f46"}
 COLORS = (
-    {"body": "#e4e6e8", "wing": "#b9bec4", "tail": "#3f6d9a", "engine": "#7d848c"},
-    {"body": "#d8d3c6", "wing": "#bdb6a4", "tail": "#b95445", "engine": "#6f6a60"},
-    {"body": "#8f9a8c", "wing": "#7f8a7c", "tail": "#6f7a6c", "engine": "#4f564e"},
-    {"body": "#f0ead8", "wing": "#d9cfae", "tail": "#d09a3f", "engine": "#8a8478"},
+    {"body": "#eceef0", "wing": "#b6bdc5", "tail": "#3f6d9a", "engine": "#8b949d"},
+    {"body": "#f1ede4", "wing": "#c3c0b8", "tail": "#b95445", "engine": "#b95445"},
+    {"body": "#e8ebe6", "wing": "#aeb6ad", "tail": "#5d8a66", "engine": "#dfe3dd"},
+    {"body": "#f0e3c4", "wing": "#e3cf9c", "tail": "#d0913f", "engine": "#8a8478"},
+    {"body": "#c9d6e0", "wing": "#9fb1bf", "tail": "#2f4a63", "engine": "#6f8191"},
 )
-STEP = 1.2
+STEP = 0.045
+"""Longest side of a cell."""
+
+
+@dataclass(frozen=True)
+class Wing:
+    """The right wing's plan: the edges are straight, the chord changes at the kink."""
+
+    half_span: float
+    chords: tuple[float, float, float]
+    """At the middle, the kink and the tip."""
+    kink: float
+    """Where, as a share of the half span."""
+    sweep: float
+    """Way back per way out, of the leading edge."""
+    dihedral: float
+    """Way up per way out."""
+    y: float
+    z: float
+
+    def section(self, share: float, thickness: float = 0.11) -> Section:
+        x = share * self.half_span
+        chord = float(np.interp(share, [0.0, self.kink, 1.0], self.chords))
+        bank = float(np.arctan(self.dihedral)) if share > 0 else 0.0
+        return Section((x, self.y + self.dihedral * x, self.z + self.sweep * x), chord, thickness, bank)
 
 
 def airplane(draw: Draw) -> Model:
-    """One airplane, some 30 m long."""
-    wing = draw.pick({"swept": 0.6, "straight": 0.4})
-    tail = draw.pick({"conventional": 0.5, "t-tail": 0.3, "v-tail": 0.2})
-    engines = draw.pick({"none": 0.2, "two under": 0.35, "four under": 0.2, "two at tail": 0.25})
-    height = draw.pick({"low": 0.6, "high": 0.4})
-    winglets = draw.pick({"none": 0.65, "winglets": 0.35})
-    style = {"wing": wing, "tail": tail, "engines": engines, "height": height, "winglets": winglets}
-    shape = Assembly(KEYPOINTS, PARTS, COLORS[draw.whole(0, len(COLORS) - 1)], style)
-    length, radius = 30.0, draw.between(1.1, 2.2)
-    fuselage = _fuselage(shape, draw, length, radius)
-    sweep = np.tan(np.radians(draw.between(18, 36) if wing == "swept" else draw.between(-2, 5)))
-    span, chord = draw.between(10.5, 16.5), draw.between(3.6, 5.6)
-    root_y = radius * (draw.between(-0.65, -0.45) if height == "low" else draw.between(0.55, 0.75))
-    dihedral = np.tan(np.radians(draw.between(2, 7) if height == "low" else draw.between(-3, 2)))
-    leading = -length * draw.between(0.02, 0.12)
-    _wing(shape, draw, fuselage, radius, span, chord, sweep, dihedral, root_y, leading, winglets == "winglets")
-    _tail(shape, draw, tail, length, radius)
-    _engines(shape, draw, engines, radius, span, chord, sweep, dihedral, root_y, leading, length)
+    """One airplane."""
+    family = draw.pick({"airliner": 0.36, "business": 0.2, "turboprop": 0.17, "light": 0.15, "glider": 0.12})
+    shape = Assembly(KEYPOINTS, PARTS, COLORS[draw.whole(0, len(COLORS) - 1)] | GLASS, {"family": family})
+    fuselage = _fuselage(draw, family)
+    body = fuselage.solid(STEP)
+    shape.add("body", body)
+    shape.mark("tail_end", body.vertices[-1])
+    wing = _wing_plan(draw, family, fuselage, shape.style)
+    _cockpit(shape, draw, family, fuselage, wing, body)
+    _wing(shape, draw, family, wing, body)
+    _tail(shape, draw, family, fuselage)
+    _engines(shape, draw, family, fuselage, wing)
     return shape.finished(draw.between(0.9, 1.1))
 
 
-def _fuselage(shape: Assembly, draw: Draw, length: float, radius: float) -> Solid:
-    blunt, tail_from, rise = draw.between(0.09, 0.16), draw.between(0.6, 0.72), draw.between(0.2, 0.6)
-    t = np.concatenate([np.linspace(0, blunt, 9), np.linspace(blunt, tail_from, 12)[1:], np.linspace(tail_from, 1.0, 12)[1:]])
-    nose = np.sqrt(np.clip(1 - (1 - np.minimum(t / blunt, 1)) ** 2, 0, 1))
-    cone = 1 - 0.86 * np.clip((t - tail_from) / (1 - tail_from), 0, 1) ** 1.6
-    profile = np.stack([radius * nose * cone, length * (t - 0.5)], -1)
-    profile = np.concatenate([profile, [[0.0, profile[-1, 1] + radius * 0.08]]])
-    turned = revolve(refined(profile, STEP), 24)
-
-    def lie(points: np.ndarray) -> np.ndarray:
-        """From the profile's upright axis to one along z, its end lifted."""
-        x, y, z = points.T
-        lift = rise * radius * np.clip((y / length - (tail_from - 0.5)) / (1 - tail_from), 0, 1) ** 1.5
-        return np.stack([x, -z + lift, y], -1)
-
-    body = turned.placed(lie)
-    shape.add("body", body)
-    shape.mark("nose", lie(np.array([[0.0, profile[0, 1], 0.0]]))[0])
-    shape.mark("tail_end", lie(np.array([[0.0, profile[-1, 1], 0.0]]))[0])
-    return body
+def _fuselage(draw: Draw, family: str) -> Fuselage:
+    if family == "light":
+        return Fuselage(draw.between(0.072, 0.088), 0.2, 0.36, 0.2, False, 0.15, 0.35, 0.5)
+    if family == "glider":
+        return Fuselage(draw.between(0.05, 0.06), 0.24, 0.34, 0.26, True, 0.2, draw.between(0.2, 0.6), 0.0)
+    radius = {"airliner": (0.05, 0.064), "business": (0.052, 0.062), "turboprop": (0.055, 0.068)}[family]
+    return Fuselage(
+        draw.between(*radius), draw.between(0.12, 0.19), draw.between(0.58, 0.68), draw.between(0.1, 0.2), False,
+        draw.between(0.15, 0.4), draw.between(0.35, 0.7), 0.0,
+    )  # fmt: skip
 
 
-def _foil(origins: np.ndarray, chords: np.ndarray, thickness: np.ndarray, up: np.ndarray) -> Solid:
-    """A wing through sections with leading edges `origins` (m, 3), `chords` (m,) along +z, thickness as a share of the chord."""
-    turn = circle(16)
-    z = (1 - turn[:, 1]) / 2   # 0 at the leading edge, 1 at the trailing one
-    # a symmetric four-digit section's shape, thick near the front; sharp behind
-    y = np.sign(turn[:, 0]) * (1.48 * np.sqrt(z) - 0.63 * z - 1.76 * z**2 + 1.42 * z**3 - 0.51 * z**4) * 0.5 * 2
-    y = np.where(np.abs(turn[:, 0]) < 1e-12, 0.0, y)
-    rings = origins[:, None] + chords[:, None, None] * (z[:, None] * np.array([0.0, 0.0, 1.0]) + (thickness[:, None] * y)[..., None] * up)
-    return loft(refined(rings, STEP), mirror="along")
+def _wing_plan(draw: Draw, family: str, fuselage: Fuselage, style: dict[str, str]) -> Wing:
+    high = draw.chance({"airliner": 0.12, "business": 0.0, "turboprop": 0.6, "light": 0.5, "glider": 0.6}[family])
+    style["height"] = "high" if high else "low"
+    y = fuselage.radius * (draw.between(0.6, 0.75) if high else draw.between(-0.65, -0.45))
+    dihedral = np.tan(np.radians(draw.between(-2.0, 1.5) if high and family == "airliner" else draw.between(2.0, 6.5) - 2.0 * high))
+    if family in ("airliner", "business"):
+        root, tip = draw.between(0.19, 0.25), draw.between(0.05, 0.075)
+        sweep, half = np.tan(np.radians(draw.between(24, 36))), draw.between(0.42, 0.56)
+        kink = draw.between(0.3, 0.4)
+        chords = (root, tip + (root - tip) * draw.between(0.42, 0.55), tip)
+        return Wing(half, chords, kink, sweep, dihedral, y, draw.between(-0.16, -0.1) + (0.08 if family == "business" else 0.0))
+    root, half, sweep = {
+        "turboprop": (draw.between(0.13, 0.16), draw.between(0.48, 0.58), draw.between(0.0, 0.08)),
+        "light": (draw.between(0.17, 0.22), draw.between(0.6, 0.72), draw.between(0.0, 0.06)),
+        "glider": (draw.between(0.12, 0.15), draw.between(0.75, 1.0), draw.between(-0.01, 0.03)),
+    }[family]
+    taper = draw.between(0.45, 0.95) if family == "light" else draw.between(0.4, 0.6)
+    front = {"turboprop": -0.11, "light": -0.24, "glider": -0.2}[family]
+    return Wing(half, (root, root, root * taper), draw.between(0.35, 0.6), sweep, dihedral, y, front + draw.between(-0.02, 0.03))
 
 
-def _wing(
-    shape: Assembly, draw: Draw, body: Solid, radius: float, span: float, chord: float, sweep: float, dihedral: float,
-    root_y: float, leading: float, winglets: bool,
-) -> None:
-    taper = draw.between(0.25, 0.5) if sweep > 0.2 else draw.between(0.5, 0.85)
-    share = np.array([0.0, 0.25, 0.6, 1.0])
-    x = share * span
-    origins = np.stack([x, root_y + dihedral * x, leading + sweep * x], -1)
-    wing = _foil(origins, chord * (1 - share * (1 - taper)), np.full(4, 0.11) * (1 - 0.35 * share), np.array([0.0, 1.0, 0.0]))
-    shape.add_pair("wing", wing)
-    tip = origins[-1]
-    # where the leading edge leaves the body: the vertex of the leading edge nearest to the body's side
-    side = np.sqrt(max(radius**2 - root_y**2, 0.0)) * 1.05
-    edge = wing.vertices[np.isclose(wing.vertices[:, 2] - leading - sweep * wing.vertices[:, 0], 0.0, atol=1e-6)]
-    shape.mark_pair("wing_root_front", edge[np.argmin(np.abs(edge[:, 0] - side))])
-    if winglets:
-        rise = draw.between(1.2, 2.2)
-        up = tip + np.array([[-0.1, 0.0, 0.05 * chord], [0.25 * rise, rise, 0.8 * rise]])
-        winglet = _foil(up, chord * taper * np.array([0.9, 0.45]), np.array([0.08, 0.08]), np.array([-1.0, 0.25, 0.0]))
-        shape.add_pair("wing", winglet)
-        shape.mark_pair("wing_tip", winglet.farthest(y=1.0))
+def _cockpit(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing: Wing, body: Solid) -> None:
+    """Glass, the keypoints at the front, and an airliner's line of windows."""
+    if family != "light":  # a light airplane's nose is its propeller's
+        shape.mark("nose", body.vertices[-2])
+    if family == "glider" or (family == "light" and shape.style["height"] == "low"):
+        center = 0.17 if family == "glider" else 0.34
+        canopy = fuselage.canopy(center, draw.between(0.22, 0.28))
+        shape.add("body", canopy, tint="glass")
+        shape.mark("cockpit_top", canopy.farthest(y=1.0))
+        return
+    if family == "light":
+        last = wing.z + 0.5 - 0.006
+        glass = fuselage.windshield(last - 0.07, last, 1.3)
     else:
-        shape.mark_pair("wing_tip", wing.farthest(x=1.0, z=-0.01))
+        glass = fuselage.windshield(fuselage.nose * 0.3, fuselage.nose * draw.between(0.5, 0.62), 1.15)
+    shape.add("body", glass, tint="glass")
+    back = glass.vertices[:-2]  # without the middles of its ends
+    shape.mark("cockpit_top", back[np.argmax(back[:, 2] + 0.01 * back[:, 1])])
+    if family != "light":
+        wide, y = fuselage.radius * 0.985, fuselage.radius * 0.2
+        ends = fuselage.nose * 1.05 - 0.5, fuselage.tail * 0.97 - 0.5
+        shape.add("body", box((-wide, y, ends[0]), (wide, y + fuselage.radius * 0.14, ends[1]), STEP), tint="glass")
 
 
-def _tail(shape: Assembly, draw: Draw, kind: str, length: float, radius: float) -> None:
-    z, chord, span = length * draw.between(0.38, 0.42), draw.between(2.4, 3.4), draw.between(3.6, 5.6)
-    high, y = draw.between(3.6, 5.4), radius * 0.35
-    back = draw.between(0.45, 0.8)
-    if kind == "v-tail":
-        tips = np.array([[0.0, y, z], [span * 0.75, y + high * 0.8, z + back * span * 0.7]])
-        vane = _foil(tips, np.array([chord, chord * 0.5]), np.array([0.1, 0.09]), np.array([-0.6, 0.8, 0.0]))
-        shape.add_pair("tail", vane)
-        shape.mark_pair("tail_tip", vane.farthest(x=1.0, y=0.5))
+def _wing(shape: Assembly, draw: Draw, family: str, wing: Wing, body: Solid) -> None:
+    sections = [wing.section(0.0, 0.13), wing.section(wing.kink, 0.12), wing.section(1.0, 0.1)]
+    for name, edge in zip(("front", "back"), edges(sections), strict=True):
+        shape.mark_pair(f"wing_root_{name}", crossing(edge, body))
+    tips = draw.pick({"plain": 0.5, "winglets": 0.5}) if family in ("airliner", "business", "glider") else "plain"
+    shape.style["tips"] = tips
+    if tips == "winglets":
+        sections += _winglet(sections[-1], draw.between(0.035, 0.07) * (0.7 if family == "glider" else 1.0), draw.between(1.0, 1.4))
+    solid = span(sections, STEP)
+    shape.add("wing", solid)
+    shape.mark_pair("wing_tip", solid.vertices[-1])
+
+
+def _winglet(tip: Section, high: float, bank: float) -> list[Section]:
+    """Sections of a tip that bends upwards to `bank` radians."""
+    x, y, z = tip.leading
+    bow = high * 0.35
+    return [
+        Section((x + bow * 0.8, y + bow * 0.35, z + bow), tip.chord * 0.9, 0.09, bank / 2),
+        Section((x + bow * 1.2, y + bow, z + bow * 1.9), tip.chord * 0.75, 0.08, bank),
+        Section((x + bow * 1.2 + (high - bow) / np.tan(bank), y + high, z + bow * 1.9 + high), tip.chord * 0.4, 0.08, bank),
+    ]
+
+
+def _tail(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage) -> None:
+    kinds = {
+        "airliner": {"conventional": 0.9, "T": 0.1}, "business": {"T": 0.75, "conventional": 0.25},
+        "turboprop": {"T": 0.4, "conventional": 0.6}, "light": {"conventional": 0.7, "V": 0.3},
+        "glider": {"T": 0.5, "V": 0.3, "conventional": 0.2},
+    }  # fmt: skip
+    kind = draw.pick(kinds[family])
+    shape.style["tail"] = kind
+    swept = draw.between(0.5, 0.8) if family in ("airliner", "business") else draw.between(0.15, 0.4)
+    chord, half = draw.between(0.1, 0.13), draw.between(0.15, 0.2)
+    if family == "glider":
+        chord, half = chord * 0.7, half * 0.85
+    front = 0.49 - 1.15 * chord - (swept * 0.08 if kind == "conventional" else 0.0)
+    y = float(fuselage.middle(front + 0.5))
+    if kind == "V":
+        dihedral = np.tan(np.radians(draw.between(36, 44)))
+        _tailplane(shape, Wing(half * 0.85, (chord * 1.1, chord, chord * 0.6), 0.3, swept * 0.7, dihedral, y, front))
         return
-    tips = np.array([[0.0, y, z - 0.4], [0.0, y + high, z + back * high]])
-    fin = _fin(tips, np.array([chord * 1.25, chord * 0.7]), 0.1)
-    shape.add("tail", fin)
-    shape.mark("fin_top", fin.farthest(y=1.0, z=0.02) * np.array([0.0, 1.0, 1.0]))
-    at = np.array([0.0, y, z + 0.2]) if kind == "conventional" else np.array([0.0, y + high * 0.97, z + back * high])
-    ends = at + np.array([[0.0, 0.0, 0.0], [span, 0.25, back * span * 0.6]])
-    vane = _foil(ends, np.array([chord * 0.9, chord * 0.45]), np.array([0.1, 0.08]), np.array([0.0, 1.0, 0.0]))
-    shape.add_pair("tail", vane)
-    shape.mark_pair("tail_tip", vane.farthest(x=1.0, z=-0.01))
-
-
-def _fin(tips: np.ndarray, chords: np.ndarray, thickness: float) -> Solid:
-    """An upright foil in the mirror plane; vertex j of each section is the image of vertex n - j."""
-    turn = circle(16)
-    turn = np.stack([turn[:, 0], turn[:, 1]], -1)
-    z = (1 - turn[:, 1]) / 2
-    x = turn[:, 0] * np.sqrt(np.maximum(z, 0.0)) * thickness
-    rings = tips[:, None] + chords[:, None, None] * np.stack([x, 0.0 * x, z], -1)
-    return loft(refined(rings, STEP), start=rings[0].mean(0), end=rings[-1].mean(0))
-
-
-def _engines(
-    shape: Assembly, draw: Draw, kind: str, radius: float, span: float, chord: float, sweep: float, dihedral: float,
-    root_y: float, leading: float, length: float,
-) -> None:
-    size, long = draw.between(0.55, 0.95), draw.between(2.6, 4.0)
-    if kind == "none":
+    high = draw.between(0.13, 0.18) * (0.85 if family == "glider" else 1.0)
+    low = float(fuselage.middle(0.96))
+    base, top = chord * draw.between(1.35, 1.6), chord * draw.between(0.65, 0.9)
+    behind = 0.488 - base
+    rise = fuselage.radius * 0.6 + high
+    foot, head = Section((0.0, low, behind), base, 0.09), Section((0.0, low + rise, behind + swept * rise), top, 0.09)
+    upright = fin([foot, head], STEP)
+    shape.add("tail", upright)
+    if kind == "conventional":
+        shape.mark("fin_top", upright.vertices[-1])
+        _tailplane(shape, Wing(half, (chord, chord * 0.85, chord * 0.5), 0.3, swept * 0.9, draw.between(0.0, 0.12), y, front))
         return
-    if kind == "two at tail":
-        _nacelle(shape, np.array([radius + size * 0.9, radius * 0.45, length * draw.between(0.2, 0.27)]), size, long, "engine_front")
-        return
-    inner = draw.between(0.3, 0.38)
-    places = {"engine_front": inner} if kind == "two under" else {"engine_front": inner, "outer_engine_front": draw.between(0.58, 0.7)}
-    for name, share in places.items():
-        x = share * span
-        center = np.array([x, root_y + dihedral * x - size * 0.95, leading + sweep * x - long * 0.1])
-        _nacelle(shape, center, size, long, name)
+    plan = Wing(half * 0.85, (top * 1.1, top, top * 0.6), 0.3, swept * 0.6, 0.0, low + rise, head.leading[2] - 0.02)
+    plane = _tailplane(shape, plan)
+    middle = plane.vertices[plane.vertices[:, 0] == 0]
+    shape.mark("fin_top", middle[np.argmax(middle[:, 1])])
 
 
-def _nacelle(shape: Assembly, center: np.ndarray, size: float, long: float, name: str) -> None:
-    """A turned pod whose front is a shallow bowl."""
-    profile = np.array([[0.0, 0.12], [0.7, 0.1], [0.92, 0.0], [1.0, 0.12], [0.95, 0.55], [0.6, 0.95], [0.35, 1.0], [0.0, 1.08]])
-    turned = revolve(refined(profile * [size, long], STEP * 0.6), 20)
+def _tailplane(shape: Assembly, plan: Wing) -> Solid:
+    solid = span([plan.section(share, 0.1) for share in (0.0, plan.kink, 1.0)], STEP)
+    shape.add("tail", solid)
+    shape.mark_pair("tail_tip", solid.vertices[-1])
+    return solid
 
-    def lie(points: np.ndarray) -> np.ndarray:
-        return points[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0]) + center - np.array([0.0, 0.0, long / 2])
 
-    shape.add_pair("engine", turned.placed(lie))
-    shape.mark_pair(name, lie(np.array([[0.0, profile[0, 1] * long, 0.0]]))[0])
+def _engines(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing: Wing) -> None:
+    shape.style["engines"] = "none"
+    if family == "light":
+        shape.style["engines"] = "nose"
+        radius = fuselage.radius * 0.55
+        spinner = turned(SPINNER, radius, 0.2, STEP).moved(y=float(fuselage.middle(0.0)), z=-0.53)
+        shape.add("engine", spinner)
+        shape.mark("nose", spinner.vertices[-2])
+        vanes = blades(radius, fuselage.radius * draw.between(1.7, 2.0), -0.51, cross=draw.chance(0.4))
+        shape.add("engine", *(vane.moved(y=float(fuselage.middle(0.0))) for vane in vanes), tint="dark")
+    elif family == "business":
+        shape.style["engines"] = "two at tail"
+        radius, long = draw.between(0.026, 0.034), draw.between(0.13, 0.16)
+        front = draw.between(0.64, 0.7)
+        beside = float(fuselage.half_width(front + 0.05))
+        x, y = beside + radius * 1.35, float(fuselage.middle(front + 0.05)) + 0.35 * beside
+        _jet(shape, "tail_engine", radius, long, (x, y, front - 0.5))
+        thin = radius * 0.16
+        shape.add_pair("engine", box((beside * 0.5, y - thin, front - 0.5 + long * 0.35), (x, y + thin, front - 0.5 + long * 0.85), STEP))
+    elif family in ("airliner", "turboprop"):
+        count = "four" if draw.chance(0.35) else "two"
+        shape.style["engines"] = f"{count} at wing"
+        size = draw.between(0.03, 0.038) if count == "two" else draw.between(0.025, 0.03)
+        shares = {"inner": draw.between(0.3, 0.36), "outer": draw.between(0.56, 0.66)}
+        for name, share in list(shares.items())[: 2 if count == "four" else 1]:
+            place = wing.section(share)
+            if family == "airliner":
+                _jet_under(shape, f"{name}_engine", size, size * draw.between(3.4, 4.2), place)
+            else:
+                _propeller(shape, f"{name}_engine", size * 0.8, size * 5.5, place)
+
+
+def _jet(shape: Assembly, name: str, radius: float, long: float, front: tuple[float, float, float]) -> None:
+    """A pair of nacelles; `front`: the middle of the right one's front."""
+    fan = turned(FAN, radius, long, STEP / 2).moved(*front)
+    shape.add_pair("engine", turned(NACELLE, radius, long, STEP / 2).moved(*front))
+    shape.add_pair("engine", fan, tint="dark")
+    shape.mark_pair(name, fan.vertices[-2])
+
+
+def _jet_under(shape: Assembly, name: str, radius: float, long: float, wing: Section) -> None:
+    x, y, z = wing.leading
+    center, front = y - radius * 1.25, z - long * 0.55
+    _jet(shape, name, radius, long, (x, center, front))
+    low = (center + radius * 0.6, front + long * 0.25, front + long * 0.8)
+    shape.add_pair("engine", pylon(low, (y, z + wing.chord * 0.03, z + wing.chord * 0.5), x, radius * 0.14))
+
+
+def _propeller(shape: Assembly, name: str, radius: float, long: float, wing: Section) -> None:
+    x, y, z = wing.leading
+    front = (x, y, z - long * 0.52)
+    spinner = turned(SPINNER, radius, long, STEP / 2).moved(*front)
+    shape.add_pair("engine", turned(COWLING, radius, long, STEP / 2).moved(*front), spinner)
+    shape.add_pair("engine", *(vane.moved(*front) for vane in blades(radius, radius * 2.4, long * 0.12, cross=True)), tint="dark")
+    shape.mark_pair(name, spinner.vertices[-2])

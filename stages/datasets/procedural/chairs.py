@@ -73,7 +73,7 @@ def chair(draw: Draw) -> Model:
     _back(shape, draw, frame, back)
     _base(shape, draw, frame, base, outline)
     if arms != "none":
-        _arms(shape, draw, frame, panel=arms == "panel")
+        _arms(shape, draw, frame, at(outline, 1, 1, -1)[2] + 0.025, panel=arms == "panel")
     return shape.finished(draw.between(0.9, 1.1))
 
 
@@ -89,7 +89,8 @@ def _frame(draw: Draw, back: str, seat: str) -> Frame:
     taper = draw.between(0.08, 0.16) if seat == "tapered" else 0.0
     thickness = draw.between(0.05, 0.1) if seat == "cushion" else draw.between(0.022, 0.04)
     bend = draw.between(0.0, 0.06) + (0.04 if back in ("rounded", "hoop") else 0.0)
-    back_half_width = half_width * (1 - taper) * draw.between(0.86, 0.96)
+    corner = half_width * (1 - taper) * np.sqrt(1 - round_back / 2)
+    back_half_width = corner * draw.between(0.86, 0.95)  # beside it the seat's corner stays in sight
     back_z = half_depth * 0.93 - 0.02
     if seat == "round":  # the back follows the seat's edge
         share = 0.68
@@ -109,8 +110,9 @@ def _seat(shape: Assembly, draw: Draw, f: Frame, cushion: bool) -> Place:
         return level(lattice) + np.array([0.0, f.height - f.thickness / 2, 0.0])
 
     shape.add("seat", slab(place, (2 * f.half_width, f.thickness, 2 * f.half_depth), STEP, rounded_edges=True))
-    shape.mark_pair("seat_back", at(place, 1, 1, 1))
-    shape.mark_pair("seat_front", at(place, 1, 1, -1))
+    upper = 0.5 if cushion else 1  # a cushion's corner is where its upper edge has turned outwards
+    shape.mark_pair("seat_back", at(place, 1, upper, 1))
+    shape.mark_pair("seat_front", at(place, 1, upper, -1))
     return place
 
 
@@ -238,12 +240,13 @@ def _sled(shape: Assembly, draw: Draw, f: Frame, under: float, cantilever: bool)
     shape.mark_pair("back_foot", runner.farthest(x=0.1, y=-1.0, z=0.6))
 
 
-def _arms(shape: Assembly, draw: Draw, f: Frame, panel: bool) -> None:
+def _arms(shape: Assembly, draw: Draw, f: Frame, foremost: float, panel: bool) -> None:
+    """Arms that begin behind z = `foremost`, so that they hide no corner of the seat, and end in the back."""
     above, thick = draw.between(0.17, 0.24), draw.between(0.022, 0.035)
     wide = draw.between(0.04, 0.06) if not panel else draw.between(0.05, 0.09)
     x = f.back_half_width - 0.2 * wide
     z_back = float(f.leaning(np.array([[x, above, 0.0]]))[0, 2])
-    z_front = -f.half_depth * draw.between(0.55, 0.92)
+    z_front = max(foremost, -f.half_depth * draw.between(0.55, 0.92))
     top = f.height + above
 
     low = f.height - f.thickness * 0.5 if panel else top - thick

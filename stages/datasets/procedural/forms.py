@@ -10,7 +10,9 @@ import numpy as np
 from stages.datasets.procedural.solids import Place, Solid, block, even
 
 
-def plate(half: tuple[float, float, float], front: float = 0.0, back: float = 0.0, edge: float = 0.0, taper: float = 0.0, dome: float = 0.0) -> Place:
+def plate(
+    half: tuple[float, float, float], front: float = 0.0, back: float = 0.0, edge: float = 0.0, taper: float = 0.0, dome: float = 0.0
+) -> Place:
     """Where a lattice point goes in a level plate with half sizes `half`, centred at the origin.
 
     `front`, `back`: roundness of the outline of either half, 0 a rectangle's, 1 an ellipse's. `edge`: radius of the edges.

@@ -36,6 +36,8 @@ def mug(draw: Draw) -> Model:
     radius, height = draw.between(3.6, 4.6), draw.between(8.0, 11.5)
     if form == "cup":
         radius, height = draw.between(4.4, 5.4), draw.between(5.5, 6.8)
+    if handle == "none" and form != "cup":  # a beaker rather than a vase
+        height *= 0.85
     wall, floor = draw.between(0.35, 0.6), draw.between(0.5, 0.9)
     body, marks = _body(_wall(draw, form, radius, height), wall, floor)
     shape.add("body", body)
@@ -125,8 +127,8 @@ def _handle(shape: Assembly, draw: Draw, kind: str, body: Solid, height: float, 
 
 
 def _outer_only(body: Solid) -> Solid:
-    """The faces of a mug's body that look away from its axis."""
+    """The faces of a mug's outer wall that touch the plane x = 0 at the back: what a handle can meet."""
     a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
     normal, middle = np.cross(b - a, c - a), (a + b + c) / 3
-    outward = (normal * middle * np.array([1.0, 0.0, 1.0])).sum(1) > 1e-9
-    return Solid(body.vertices, body.faces[outward])
+    at_back = (middle[:, 2] > 0) & (np.minimum(abs(a[:, 0]), np.minimum(abs(b[:, 0]), abs(c[:, 0]))) < 1e-9)
+    return Solid(body.vertices, body.faces[at_back & (normal[:, 2] > 1e-9)])

@@ -58,10 +58,12 @@ def block(cells: tuple[int, int, int], place: Place) -> Solid:
             corners = np.stack([side[:-1, :-1], side[1:, :-1], side[1:, 1:], side[:-1, 1:]], -1)
             quads.append(corners.reshape(-1, 4)[:, order])
             flips.append(flip.ravel())
-    used, faces = np.unique(_split(np.concatenate(quads), np.concatenate(flips)), return_inverse=True)
-    lattice = np.stack(np.unravel_index(used, index.shape), -1)
+    faces = _split(np.concatenate(quads), np.concatenate(flips))
+    used = np.zeros(index.size, bool)
+    used[faces] = True
+    lattice = np.stack(np.unravel_index(np.flatnonzero(used), index.shape), -1)
     half = np.array(cells) // 2
-    return _outward(place((lattice - half) / half), faces.reshape(-1, 3))
+    return _outward(place((lattice - half) / half), (np.cumsum(used) - 1)[faces])
 
 
 def loft(
@@ -141,7 +143,7 @@ def crossing(path: np.ndarray, solid: Solid) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         u = np.einsum("sfk,sfk->sf", origin - a, across) / determinant
         lever = np.cross(origin - a, b - a)
-        v = np.einsum("sfk,sfk->sf", lever, np.broadcast_to(direction, lever.shape)) / determinant
+        v = (lever * direction).sum(-1) / determinant
         t = np.einsum("sfk,fk->sf", lever, c - a) / determinant
         slack = 1e-9  # a path may run exactly through an edge that two triangles share
         hit = (u >= -slack) & (v >= -slack) & (u + v <= 1 + slack) & (t >= 0) & (t <= 1)

@@ -1,6 +1,7 @@
 """Tables: a top, what it stands on, and perhaps an apron or a shelf. Built in metres; x is the long side.
 
-Every table is its own image in z, too, so a half turn exchanges its keypoints; a quarter turn does where it is round.
+Every table is its own image in z, too, so a half turn exchanges its keypoints; a quarter turn does where all of it is round
+or square.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ def table(draw: Draw) -> Model:
         kind = draw.pick({"disc": 0.5, "four star": 0.5})
         shape.style["base"] = kind
         pedestal(shape, draw, "leg", kind, half[1] * draw.between(0.6, 0.8), under, draw.between(0.06, 0.11), STEP, draw.chance(0.6))
-    return shape.finished(draw.between(0.9, 1.1), _turns(quarter=top == "round"))
+    quarter = top == "round" and shape.style.get("braces", "none") in ("none", "ring")
+    return shape.finished(draw.between(0.9, 1.1), _turns(quarter))
 
 
 def _half_sizes(draw: Draw, top: str, base: str, size: str) -> tuple[float, float]:
