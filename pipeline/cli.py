@@ -189,10 +189,17 @@ def _round(value: float | None, unit: float) -> str:
     return "?" if value is None else f"{value / unit:,.1f}" if value else "·"
 
 
+def plug_in() -> None:
+    """Add the commands of the entry-point group `b23d.commands`."""
+    known = {command.name for command in app.registered_commands}
+    for plugin in sorted(entry_points(group="b23d.commands"), key=lambda plugin: plugin.name):
+        if plugin.name not in known:
+            app.command(plugin.name)(plugin.load())
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point of `b23d`: plugged-in commands are added, errors are printed as one line, without a traceback."""
-    for plugin in sorted(entry_points(group="b23d.commands"), key=lambda p: p.name):
-        app.command(plugin.name)(plugin.load())
+    """Entry point of `b23d`: errors are printed as one line, without a traceback."""
+    plug_in()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         app(args=arguments)

@@ -59,7 +59,8 @@ def score_table(one: Run, two: Run) -> Table:
     for name in [*(name for name in first.classes if name in second.classes), "mean"]:
         a, b = (scores.mean if name == "mean" else scores.classes[name] for scores in (first, second))
         figures = [(f"IoU {a.thresholds[i]:g}", a.iou.mean[i], a.iou.sd[i], b.iou.mean[i], b.iou.sd[i]) for i in _shown(a.thresholds)]
-        figures += [("AUC", a.auc.mean, a.auc.sd, b.auc.mean, b.auc.sd), ("PCK", a.pck.mean[-1], a.pck.sd[-1], b.pck.mean[-1], b.pck.sd[-1])]
+        figures.append(("AUC", a.auc.mean, a.auc.sd, b.auc.mean, b.auc.sd))
+        figures.append(("PCK", a.pck.mean[-1], a.pck.sd[-1], b.pck.mean[-1], b.pck.sd[-1]))
         for figure, mean1, sd1, mean2, sd2 in figures:
             table.add_row(name, figure, f"{mean1:.3f} ± {sd1:.3f}", f"{mean2:.3f} ± {sd2:.3f}", f"{mean2 - mean1:+.3f}")
     return table
@@ -84,7 +85,8 @@ def shape_table(one: Run, two: Run, most: int) -> Table:
     for delta, name in [*worse, *better]:
         color = "green" if delta > 0 else "red"
         table.add_row(name, f"{first[name]:.3f}", f"{second[name]:.3f}", f"[{color}]{delta:+.3f}[/]")
-    table.caption = f"{sum(d > 0 for d, _ in change)} better, {sum(d < 0 for d, _ in change)} worse, {sum(d == 0 for d, _ in change)} the same"
+    better_count, worse_count = sum(delta > 0 for delta, _ in change), sum(delta < 0 for delta, _ in change)
+    table.caption = f"{better_count} better, {worse_count} worse, {len(change) - better_count - worse_count} the same"
     return table
 
 

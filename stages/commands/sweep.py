@@ -1,4 +1,8 @@
-"""`b23d sweep`: one parameter over several values, everything else as the run file says."""
+"""`b23d sweep`: one parameter over several values, everything else as the run file says.
+
+    [sweep]
+    "stages.optimize.alpha" = [0, 0.25, 1, 4]
+"""
 
 from __future__ import annotations
 
@@ -21,11 +25,7 @@ def sweep(
     workers: Annotated[int | None, typer.Option(min=0)] = None,
     limit: Annotated[int | None, typer.Option("--limit", min=1)] = None,
 ) -> None:
-    """Score every value of the fields that the run file's [sweep] table lists: a table, and a plot in the run's folder.
-
-    [sweep]
-    "stages.optimize.alpha" = [0, 0.25, 1, 4]
-    """
+    """Score every value of the fields that the run file's sweep table lists: a table, and a plot in the run's folder."""
     console, file = Console(), load_config(run, set).file
     if not file.sweep:
         raise RunFileError(f"run file {run}: expected a [sweep] table, got none; add one, or --set 'sweep={{\"a.b\" = [1, 2]}}'")
