@@ -1,6 +1,7 @@
 """Seconds to encode 62 views of 224² (random pixels), per encoder, precision and threads; wall and CPU time, best of three.
 
-CPU time tells what the wall time would be on an idle machine: on a busy one, divide it by the threads.
+With one thread, CPU time is what the wall time would be on an idle machine. With more threads on a busy machine both are
+worthless: threads spin while they wait for each other.
 """
 
 from __future__ import annotations
