@@ -1,7 +1,9 @@
 """Which annotated shapes are the shots of a draw, and which shapes are its targets.
 
-Shapes rank by sha256(draw, shape name); a class's first `count` usable ones are its shots. So a draw is the same on every
-machine, a new shape changes it only by being drawn, and a shape that is quarantined is replaced by the next in rank.
+A shape is annotated if it has the leaves that the run's stages ask of shots (`shot_keypoints`, `shot_parts` …), as far as any
+shape of its class has them. Shapes rank by sha256(draw, shape name); a class's first `count` usable ones are its shots. So a
+draw is the same on every machine, a new shape changes it only by being drawn, and a shape that is quarantined is replaced by
+the next in rank.
 """
 
 from __future__ import annotations
@@ -26,21 +28,22 @@ class Draw:
     error: str | None = None
 
 
-def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str]) -> list[Draw]:
-    """Every draw of every class that has annotated shapes. `unusable`: names of shapes that cannot be shots."""
+def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str], leaves: Collection[str]) -> list[Draw]:
+    """Every draw of every class that has annotated shapes. `unusable`: names of shapes that cannot be shots; `leaves`: what shots
+    are asked for."""
     classes: dict[str, list[Shape]] = defaultdict(list)
     for shape in shapes:
         classes[shape.category].append(shape)
     return [
-        _draw(category, members, shots, seed, unusable)
+        _draw(category, members, shots, seed, unusable, had)
         for category, members in sorted(classes.items())
-        if any("keypoints" in shape.leaves for shape in members)
+        if (had := {leaf for leaf in leaves if any(leaf in shape.leaves for shape in members)})
         for seed in (shots.draws if category not in shots.ids else shots.draws[:1])
     ]
 
 
-def _draw(category: str, members: list[Shape], options: Shots, seed: int, unusable: Collection[str]) -> Draw:
-    annotated = [shape for shape in members if "keypoints" in shape.leaves and shape.name not in unusable]
+def _draw(category: str, members: list[Shape], options: Shots, seed: int, unusable: Collection[str], leaves: set[str]) -> Draw:
+    annotated = [shape for shape in members if leaves <= shape.leaves.keys() and shape.name not in unusable]
     if named := options.ids.get(category):
         chosen = [shape for shape in annotated if shape.id in named]
         if len(chosen) < len(named):

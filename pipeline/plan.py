@@ -1,6 +1,7 @@
 """The plan: every artifact a run wants, by address, before anything is executed.
 
-A node is one (stage, shape), or one (stage, shape, draw) for stages that see shots. Nodes with equal addresses are one.
+A node is one (stage, shape), or one (stage, shape, draw) for stages that see shots. Nodes with equal addresses are one: a stage
+that asks for nothing but shots (it trains, say) has one node a draw, named after the first target.
 Every stage is wanted except the transient ones, which are computed inside the tasks that need them.
 """
 
@@ -108,7 +109,7 @@ def _make_plan(config: Config, shapes: list[Shape], store: Store, index: Index, 
             node = planner.node(stage, shape, None)
             if (node is not None and node.state is State.BLOCKED) or (node is not None and _broken(node, quarantined)):
                 unusable.add(shape.name)
-    draws = draw_shots(shapes, config.file.shots, unusable)
+    draws = draw_shots(shapes, config.file.shots, unusable, planner.shot_leaves())
     kept = _kept(shapes, limit)
     for draw in draws:
         if draw.error:
@@ -165,12 +166,17 @@ class _Planner:
         if node is None:
             shots = tuple(shot.name for shot in draw.shots) if key[2] is not None and draw else ()
             node = self.nodes[name, address] = Node(name, shape.name, shape.category, address, inputs, shots=shots)
-            if shape.error:
+            if shape.error and not all(item.per_shot for item in stage.inputs):
                 node.state, node.reason = State.BLOCKED, shape.error
-        if key[2] is not None:
+        if key[2] is not None and key[2] not in node.draws:
             node.draws.append(key[2])
         self.by_shape[key] = node
         return node
+
+    def shot_leaves(self) -> set[str]:
+        """The leaves that this run's stages must have of every shot: what makes a shape an annotated one."""
+        asked = [(name, i) for name, stage in self.config.stages.items() for i in stage.inputs if i.per_shot and not i.optional]
+        return {self.sources[name][item.name] for name, item in asked} - self.config.stages.keys()
 
     def settle(self, node: Node) -> None:
         """Decide a node's state; upstream nodes are settled before."""

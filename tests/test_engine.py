@@ -145,12 +145,53 @@ def test_draws_are_stable_and_seeded() -> None:
 
     leaf = Leaf(dict)   # type: ignore[arg-type]
     shapes = [Shape(f"m{i}", "c", {"keypoints": leaf}) for i in range(40)]
-    draws = draw_shots(shapes, Shots(count=3, draws=list(range(20))), ())
+    draws = draw_shots(shapes, Shots(count=3, draws=list(range(20))), (), {"keypoints"})
     assert len({tuple(s.id for s in d.shots) for d in draws}) > 15
     assert all(len(d.targets) == 37 and not {s.id for s in d.shots} & {s.id for s in d.targets} for d in draws)
-    more = draw_shots([*shapes, Shape("new", "c", {"keypoints": leaf})], Shots(count=3, draws=list(range(20))), ())
+    more = draw_shots([*shapes, Shape("new", "c", {"keypoints": leaf})], Shots(count=3, draws=list(range(20))), (), {"keypoints"})
     same = sum(a.shots == b.shots for a, b in zip(draws, more, strict=True))
     assert same >= 15, "a new shape enters a draw with probability 3/41"
+
+
+def test_shots_have_what_the_run_s_stages_ask_of_them() -> None:
+    """Keypoints, parts, or both; a class that has only one of them is drawn by that one."""
+    from pipeline.dataset import Leaf, Shape
+
+    leaf = Leaf(dict)   # type: ignore[arg-type]
+    names = [["source"] + ["keypoints"] * (i % 2) + ["parts"] * (i > 4) for i in range(10)]
+    some = [Shape(f"m{i}", "some", dict.fromkeys(names[i], leaf)) for i in range(10)]
+    parts = [Shape(f"m{i}", "parts", {"source": leaf, "parts": leaf}) for i in range(4)]
+    options = Shots(count=2, draws=list(range(10)))
+
+    def shots(leaves: set[str]) -> dict[str, set[str]]:
+        found: dict[str, set[str]] = {}
+        for draw in draw_shots([*some, *parts, Shape("x", "bare", {"source": leaf})], options, (), leaves):
+            found.setdefault(draw.category, set()).update(shape.id for shape in draw.shots)
+        return found
+
+    assert shots({"keypoints"}).keys() == {"some"}
+    assert shots({"keypoints"})["some"] <= {"m1", "m3", "m5", "m7", "m9"}
+    assert shots({"parts"})["some"] <= {"m5", "m6", "m7", "m8", "m9"}
+    both = shots({"keypoints", "parts"})
+    assert both.keys() == {"some", "parts"} and both["some"] <= {"m5", "m7", "m9"}
+    assert shots(set()) == {}
+
+
+def test_what_sees_shots_alone_is_made_once_a_draw(tmp_path: Path) -> None:
+    """It does not depend on the target, not even on a first target that cannot be read."""
+    run = Run.load(make_toy(tmp_path), ['outputs=["use"]'])
+    plan = run.plan()
+    assert {stage: sum(n.values()) for stage, n in plan.count().items()} == {"square": 6, "shift": 6, "total": 2, "use": 8}
+    assert sorted(tuple(node.draws) for node in plan.nodes.values() if node.stage == "total") == [(0,), (1,)]
+    (tmp_path / "numbers" / f"{plan.draws[0].targets[0].id}.txt").unlink()
+    report = run.execute(workers=0)
+    made = [outcome for outcome in report.done if outcome.stage == "total"]
+    assert len(made) == 2 and len({outcome.address for outcome in made}) == 2
+    assert len([outcome for outcome in report.done if outcome.stage == "use"]) >= 6, "all other targets"
+    shots = [shot.name for shot in run.plan().draws[0].shots]
+    wanted = sum(values(run, shot, "shift").sum() for shot in shots)
+    totals = [artifact.values[0] for _, draw, artifact in run.collect("total") if draw == 0 and isinstance(artifact, Numbers)]
+    assert totals and set(totals) == {wanted}
 
 
 def test_dask_gives_what_inline_gives(tmp_path: Path) -> None:

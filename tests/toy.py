@@ -76,6 +76,16 @@ def add(shift: Numbers, shot_shift: list[Numbers], shot_keypoints: list[Numbers]
     return Numbers(values=shift.values + params.weight * sum(shot.values.sum() for shot in shot_shift))
 
 
+@stage(version=1)
+def total(shot_shift: list[Numbers], shot_keypoints: list[Numbers], params: AddParams) -> Numbers:
+    return Numbers(values=np.array([sum(shot.values.sum() for shot in shot_shift)]))
+
+
+@stage(version=1)
+def use(shift: Numbers, total: Numbers, params: AddParams) -> Numbers:
+    return Numbers(values=shift.values + total.values)
+
+
 @stage(version=1, hints=Hints(gpu="required"))
 def needs_gpu(numbers: Numbers, params: ShiftParams) -> Numbers:
     return numbers
