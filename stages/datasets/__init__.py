@@ -1,5 +1,5 @@
 """Data sets: importing this package declares every `[dataset] kind`."""
 
-from stages.datasets import folder, keypointnet, procedural
+from stages.datasets import folder, keypointnet, procedural, shapenetpart
 
-__all__ = ["folder", "keypointnet", "procedural"]
+__all__ = ["folder", "keypointnet", "procedural", "shapenetpart"]
