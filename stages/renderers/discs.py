@@ -25,8 +25,10 @@ PLANE_TOLERANCE = 0.12
 SHEET_TOLERANCE = 0.4
 VOTE_WIDTH = 1.2
 FIT_WIDTH = 0.8
-OVERHANG = 1.08
+OVERHANG = 1.1
 """Corners lie this much beyond the neighbour they point to: random samples end short of the true border."""
+UNDERHANG = 0.97
+"""… and this share of the way where the neighbour is on another face: a disc that meets a face does not pierce it."""
 VOTERS = 8
 BLOCK = 4096
 """Points at a time: memory stays bounded for large clouds."""
@@ -114,7 +116,8 @@ def _polygons(
     found = candidates.max(axis=2) > 0
     corners = np.where(found[..., None], np.take_along_axis(offsets, chosen[..., None], axis=1), 0)
     sources = np.where(found, np.take_along_axis(indices[:, 1:], chosen, axis=1), owner[:, None])
-    corner_normals = _aligned(normals[sources], own)
+    corner_normals, other_face = _aligned(normals[sources], own)
+    corners *= np.where(other_face, UNDERHANG, OVERHANG)
     # one empty sector between two full ones is a gap in the sample, not a border: the chord closes it
     gap = ~found & np.roll(found, 1, axis=1) & np.roll(found, -1, axis=1)
     corners = np.where(gap[..., None], (np.roll(corners, 1, axis=1) + np.roll(corners, -1, axis=1)) / 2, corners)
@@ -122,7 +125,7 @@ def _polygons(
     between /= np.linalg.norm(between, axis=2, keepdims=True)
     corner_normals = np.where(gap[..., None], between, corner_normals)
     return (
-        np.concatenate([np.zeros_like(corners[:, :1]), OVERHANG * corners], axis=1),
+        np.concatenate([np.zeros_like(corners[:, :1]), corners], axis=1),
         np.concatenate([own[:, None], corner_normals], axis=1),
         np.concatenate([owner[:, None], sources], axis=1),
     )
@@ -138,7 +141,9 @@ def _polar(offsets: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.nda
     return sector, np.hypot(x, y), height
 
 
-def _aligned(corner_normals: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Normals (n, corner, 3) turned to the side of the disc's own; those of another face (over 45° away) replaced by it."""
+def _aligned(corner_normals: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normals (n, corner, 3) turned to the side of the disc's own, and which (n, corner, 1) are of another face (over 45°
+    away): these are replaced by the disc's own."""
     cosine = np.einsum("nci,ni->nc", corner_normals, normals)[..., None]
-    return np.where(np.abs(cosine) < np.sqrt(0.5), normals[:, None], corner_normals * np.where(cosine < 0, -1, 1))
+    other_face = np.abs(cosine) < np.sqrt(0.5)
+    return np.where(other_face, normals[:, None], corner_normals * np.where(cosine < 0, -1, 1)), other_face

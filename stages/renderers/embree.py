@@ -18,7 +18,7 @@ def rasterize(
     face_ids, depth = np.full(shape, -1, np.int32), np.zeros(shape, np.float32)
     if len(faces) == 0:
         return Raster(face_ids, depth)
-    scene = EmbreeScene(robust=True)  # watertight at shared edges
+    scene = EmbreeScene(robust=False)  # robust is watertight at shared edges: about one pixel in 62 views, for a fifth more time
     _mesh = TriangleMesh(scene, np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
     rays = pixel_rays(intrinsics, resolution)
     used = np.asarray(vertices, np.float64)[np.unique(faces)]
