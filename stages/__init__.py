@@ -1,5 +1,37 @@
 """The science: one file a stage. Importing this package declares every stage and data set."""
 
-from stages import backproject, datasets, describe, extract, geodesic, normalize, optimize, render, reweight, score
+from stages import (
+    apply_head,
+    backproject,
+    datasets,
+    describe,
+    detect,
+    extract,
+    geodesic,
+    normalize,
+    optimize,
+    render,
+    reweight,
+    score,
+    score_parts,
+    train_head,
+    transfer,
+)
 
-__all__ = ["backproject", "datasets", "describe", "extract", "geodesic", "normalize", "optimize", "render", "reweight", "score"]
+__all__ = [
+    "apply_head",
+    "backproject",
+    "datasets",
+    "describe",
+    "detect",
+    "extract",
+    "geodesic",
+    "normalize",
+    "optimize",
+    "render",
+    "reweight",
+    "score",
+    "score_parts",
+    "train_head",
+    "transfer",
+]

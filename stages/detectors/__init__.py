@@ -1,0 +1,1 @@
+"""Detectors of points that stand out by geometry alone: they know no names."""

@@ -1,0 +1,68 @@
+"""Few-shot calibration: the scale and the number of points with which a detector does best on the annotated shots themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+MOST = 3
+"""Numbers up to this many times the average of the shots are tried."""
+
+
+@dataclass(frozen=True)
+class AnnotatedShot:
+    """A shot: its candidates (n, 3) float64, and their distances from its g annotated keypoints (n, g), both in the unit frame."""
+
+    points: np.ndarray
+    distances: np.ndarray
+
+
+@dataclass(frozen=True)
+class Choice:
+    scale: float
+    count: int
+    iou: float
+    """On the shots."""
+
+
+def average_count(annotated: Sequence[int]) -> int:
+    """Mean number of keypoints of the shots, rounded (halves up), at least 1."""
+    return max(1, int(np.floor(np.mean(annotated) + 0.5)))
+
+
+def calibrate(
+    shots: Sequence[AnnotatedShot],
+    rank: Callable[[np.ndarray, float], np.ndarray],
+    scales: Sequence[float],
+    threshold: float,
+    count: int | None = None,
+) -> Choice:
+    """The scale and count of the largest label-agnostic IoU over the shots together; `count` fixes the count.
+
+    rank(points, scale): a detector's points, strongest first. Of equally good choices, the count nearest to the shots' average, then
+    the scale nearest to 1. Deterministic. What is chosen is fitted to the shots, so its IoU there is higher than on targets.
+    """
+    average = average_count([shot.distances.shape[1] for shot in shots])
+    counts = np.arange(1, MOST * average + 1) if count is None else np.array([count])
+    choices = [
+        Choice(scale, int(k), float(iou))
+        for scale in scales
+        for k, iou in zip(counts, _ious([shot.distances[rank(shot.points, scale)] <= threshold for shot in shots], counts), strict=True)
+    ]
+    return max(choices, key=lambda choice: (round(choice.iou, 9), -abs(choice.count - average), -abs(np.log(choice.scale)), -choice.scale))
+
+
+def _ious(hits: Sequence[np.ndarray], counts: np.ndarray) -> npt.NDArray[np.float64]:
+    """IoU of the first k points of every ranking, for every k of `counts`; hits: one (m, g) bool a shot."""
+    found, wrong, annotated = np.zeros(len(counts)), np.zeros(len(counts)), 0
+    for hit in hits:
+        annotated += hit.shape[1]
+        if len(hit) and hit.shape[1]:
+            last = np.minimum(counts, len(hit)) - 1
+            found += np.logical_or.accumulate(hit, axis=0).sum(axis=1)[last]
+        if len(hit):
+            wrong += np.cumsum(~hit.any(axis=1))[np.minimum(counts, len(hit)) - 1]
+    return found / np.maximum(annotated + wrong, 1)
