@@ -12,8 +12,10 @@ from schemas.features import GeodesicDistances, PointFeatures
 from schemas.keypoints import Prediction
 from schemas.params import Params
 from schemas.shape import Keypoints, NormalizedShape
+from stages.posterior.options import PosteriorParams
 
 if TYPE_CHECKING:
+    from stages.posterior.predicting import Found
     from stages.solvers.objective import Problem
     from stages.solvers.shots import Shot, Template
 
@@ -21,8 +23,10 @@ if TYPE_CHECKING:
 class OptimizeParams(Params):
     """How keypoints are chosen. The objective is L = ‖F[c] − F_kp‖ + α ‖(D[c, c] − D_kp) ∘ M‖ − β R for all methods that have one."""
 
-    method: Literal["discrete", "softmax", "nearest", "hungarian"] = "discrete"
-    """"discrete": coordinate descent on the choice, from many starts. "softmax": the paper's relaxation, driven by Adam.
+    method: Literal["posterior", "discrete", "softmax", "nearest", "hungarian"] = "posterior"
+    """"posterior": the points of most expected hits under a model learned from the shots (`stages/posterior/`); where the shots share
+    no common frame, it gives way to "discrete". The others choose by the paper's objective or a part of it.
+    "discrete": coordinate descent on the choice, from many starts. "softmax": the paper's relaxation, driven by Adam.
     "nearest": each keypoint's nearest feature. "hungarian": the linear assignment by feature distance. The last two use no α."""
     alpha: float = Field(default=0.25, ge=0)
     """Weight of the distance term. It depends on the scale of `features`: .25 suits those of length 1; the paper has 4 with raw DINOv2."""
@@ -58,8 +62,11 @@ class OptimizeParams(Params):
     """No candidate for two keypoints ("discrete" and "softmax"; "hungarian" never gives one twice)."""
     retrieval: bool = False
     """Use only the shot whose class token is nearest to the target's by cosine (mean feature, where an encoder has no class token)."""
-    presence: Literal["all", "majority"] = "all"
-    """Which ids to predict: "all" that any shot has (the paper), or those of more than half of the shots."""
+    presence: Literal["all", "majority", "evidence"] = "evidence"
+    """Which ids to predict: "all" that any shot has (the paper); "majority": those of more than half of the shots; "evidence": groups of
+    ids that "posterior" expects to hit (`posterior.present`); methods without expectations then predict all."""
+    posterior: PosteriorParams = PosteriorParams()
+    """Constants of "posterior"."""
 
     @model_validator(mode="after")
     def _nearest_repeats(self) -> Self:
@@ -100,13 +107,16 @@ def optimize(
     template = combine_shots(shots, params.combine, params.mask)
     points = normalize.points
     problem = _problem(reweight, geodesic, len(points), template, params)
-    choice = _solve(problem, params)
+    found = _posterior(normalize, reweight, geodesic, used, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params)
+    choice = _solve(problem, params) if found is None else found.points
     costs = shares(problem, choice)
+    by_rule = presence(costs, template, params.presence)
+    present = found.present if found is not None and params.presence == "evidence" else by_rule
     return Prediction(
         ids=template.ids,
         points=choice.astype(np.int32),
         positions=points[choice],
-        present=presence(costs, template, params.presence),
+        present=present,
         costs=costs.astype(np.float32),
         objective=float(objective(problem, choice)),
         method=params.method,
@@ -114,8 +124,44 @@ def optimize(
     )
 
 
+def _posterior(
+    shape: NormalizedShape,
+    reweight: PointFeatures,
+    geodesic: GeodesicDistances,
+    used: list[int],
+    shot_normalize: list[NormalizedShape],
+    shot_reweight: list[PointFeatures],
+    shot_geodesic: list[GeodesicDistances],
+    shot_keypoints: list[Keypoints],
+    params: OptimizeParams,
+) -> Found | None:
+    """What the posterior method finds; None for other methods, and where the shots share no frame."""
+    if params.method != "posterior":
+        return None
+
+    from stages.geometry.keypoints import keypoint_candidates
+    from stages.posterior.geometry import Prepared, prepare
+    from stages.posterior.learning import learn
+    from stages.posterior.predicting import predict
+    from stages.solvers.scaling import largest_distance, scale_features
+
+    def prepared(s: NormalizedShape, f: PointFeatures, g: GeodesicDistances, k: Keypoints | None = None, name: str = "") -> Prepared:
+        features = scale_features(f.features, "centred-unit", f.observed)
+        distances = g.distances.astype(np.float32)
+        distances[np.isinf(distances)] = largest_distance(distances)
+        at = None if k is None else keypoint_candidates(k, s, name)
+        return prepare(s.points, features, distances, params.posterior.radii, None if k is None else k.ids, at)
+
+    labelled = [i for i in used if len(shot_keypoints[i].ids)]
+    shots = [prepared(shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], f"shot {i}") for i in labelled]
+    model = learn(shots, params.posterior)
+    if model.gate > params.posterior.no_frame:
+        return None
+    return predict(model, prepared(shape, reweight, geodesic), params.posterior)
+
+
 def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
-    """The method's choice, (k,) int64."""
+    """The method's choice, (k,) int64. "posterior" comes here where its shots share no frame."""
     from stages.solvers.discrete import discrete
     from stages.solvers.hungarian import hungarian
     from stages.solvers.nearest import nearest
@@ -124,7 +170,7 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
         return nearest(problem)
     if params.method == "hungarian":
         return hungarian(problem)
-    if params.method == "discrete" and not params.softmax_start:
+    if params.method in ("discrete", "posterior") and not params.softmax_start:
         return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one)
 
     from stages.solvers.softmax import softmax
