@@ -1,0 +1,1 @@
+"""Small networks on per-point features: their inputs, training, calibration and use."""
