@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from schemas.shape import NormalizedShape
+from stages.datasets.procedural.isometric import isometric_cubes
 from stages.describe import DescribeParams, describe
 from stages.descriptors.shot import CHANNELS, local_frames, shot
 from stages.descriptors.spectral import cloud_spectrum, heat_kernel_signature, mesh_spectrum, wave_kernel_signature
@@ -108,6 +109,21 @@ def test_signatures_do_not_depend_on_bending() -> None:
     assert np.abs(one - other).max() > 0.2
 
 
+def test_isometric_cubes_differ_only_for_shot() -> None:
+    cubes = isometric_cubes()
+    where = spread(cubes[0].faces, 1500)
+    inward, outward = (shape(cube.vertices - np.array([0, -0.5, 0]), cube.faces, *where) for cube in cubes)
+    for descriptor in ("hks", "wks"):
+        one, other = (features(of, descriptor=descriptor) for of in (outward, inward))
+        np.testing.assert_allclose(one, other, atol=0.01 * one.max())
+    one, other = (features(of, descriptor="shot") for of in (outward, inward))
+    change = np.linalg.norm(one - other, axis=1)
+    dent = np.linalg.norm(outward.points - [0, 0.5, 0], axis=1) < 0.25
+    far = outward.points[:, 1] < 0
+    assert change[dent].mean() > 0.5
+    assert change[far].max() < 1e-3
+
+
 def test_heat_finds_the_bumps() -> None:
     """After a short time more heat is left where the surface is curved: on the bumps."""
     ball = bumpy()
@@ -161,7 +177,7 @@ def test_frames_are_right_handed_repeatable_and_turn_along() -> None:
         pairs = cKDTree(of).query_pairs(0.3, output_type="ndarray")
         centers, others = np.concatenate([pairs, pairs[:, ::-1]]).T
         offsets = of[others] - of[centers]
-        return local_frames(len(of), centers, offsets, np.linalg.norm(offsets, axis=1), 0.3)
+        return local_frames(centers, offsets, np.linalg.norm(offsets, axis=1), 0.3, of - of.mean(axis=0))
 
     found = frames(points)
     np.testing.assert_allclose(found @ found.transpose(0, 2, 1), np.broadcast_to(np.eye(3), found.shape), atol=1e-9)

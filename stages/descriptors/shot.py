@@ -15,6 +15,8 @@ AZIMUTHS, ELEVATIONS, SHELLS, COSINES = 8, 2, 2, 11
 CHANNELS = AZIMUTHS * ELEVATIONS * SHELLS * COSINES
 FEWEST = 5
 """Neighbours below which a point has no frame."""
+FLAT = 1e-5
+"""Offsets along an axis smaller than this share of the radius are rounding, on neither side."""
 
 
 def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +33,8 @@ def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -
     points = np.asarray(points, dtype=np.float64)
     centers, others, distances = _pairs(points, radius)
     offsets = points[others] - points[centers]
-    frames = local_frames(len(points), centers, offsets, distances, radius)
+    outward = points - points.mean(axis=0) if normals is None else normals
+    frames = local_frames(centers, offsets, distances, radius, outward)
     normals = frames[:, 2] if normals is None else normals
     local = np.einsum("pax,px->pa", frames[centers], offsets)  # (p, 3): along x, y, z of the centre's frame
     cosines = np.einsum("px,px->p", frames[centers, 2], normals[others]).clip(-1, 1)
@@ -57,22 +60,30 @@ def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -
     return np.divide(histograms, lengths, out=np.zeros_like(histograms), where=(lengths > 0) & defined[:, None]), defined
 
 
-def local_frames(count: int, centers: np.ndarray, offsets: np.ndarray, distances: np.ndarray, radius: float) -> np.ndarray:
-    """Repeatable local reference frames (count, 3, 3) float64, rows x, y, z, right-handed (Salti et al. 2014, section 3).
+def local_frames(centers: np.ndarray, offsets: np.ndarray, distances: np.ndarray, radius: float, outward: np.ndarray) -> np.ndarray:
+    """Repeatable local reference frames (n, 3, 3) float64, rows x, y, z, right-handed (Salti et al. 2014, section 3).
 
     Axes are those of the covariance weighted by (radius - distance), largest to smallest; x and z point to where more
-    neighbours are (by their summed offsets, where that is even). Neighbour p of point centers[p] is at offsets[p] (p, 3).
+    neighbours are, or where these are farther out if they are as many. On a plane neither tells the sides of z: there it
+    goes along `outward` (n, 3). Neighbour p of point centers[p] is at offsets[p] (p, 3), distances[p] (p,) from it.
     """
-    weights = radius - distances
-    products = weights[:, None] * (offsets[:, :, None] * offsets[:, None]).reshape(-1, 9)
+    count = len(outward)
+    products = (radius - distances)[:, None] * (offsets[:, :, None] * offsets[:, None]).reshape(-1, 9)
     covariances = np.stack([np.bincount(centers, products[:, i], count) for i in range(9)], axis=1).reshape(-1, 3, 3)
     axes = np.linalg.eigh(covariances)[1].transpose(0, 2, 1)[:, ::-1]  # rows, largest first
-    along = np.einsum("pax,px->pa", axes[centers][:, ::2], offsets)  # (p, 2): along x and z
-    majority = np.stack([np.bincount(centers, np.sign(along[:, i]).round(), count) for i in range(2)], axis=1)
-    leaning = np.stack([np.bincount(centers, along[:, i], count) for i in range(2)], axis=1)
-    signs = np.where(np.where(majority == 0, leaning, majority) < 0, -1.0, 1.0)
-    x, z = axes[:, 0] * signs[:, :1], axes[:, 2] * signs[:, 1:]
+    x, z = axes[:, 0], axes[:, 2]
+    x = x * _side(centers, np.einsum("px,px->p", x[centers], offsets), radius, np.ones(count))[:, None]
+    z = z * _side(centers, np.einsum("px,px->p", z[centers], offsets), radius, (z * outward).sum(axis=1))[:, None]
     return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _side(centers: np.ndarray, along: np.ndarray, radius: float, otherwise: np.ndarray) -> np.ndarray:
+    """(n,) 1 or -1: the side of each point with more neighbours, by their offsets (p,) along its axis; else sign of `otherwise`."""
+    along = np.where(np.abs(along) > FLAT * radius, along, 0)
+    more = np.bincount(centers, np.sign(along), len(otherwise))
+    farther = np.bincount(centers, along, len(otherwise))
+    decisive = np.where(more != 0, more, np.where(np.abs(farther) > FLAT * radius, farther, otherwise))
+    return np.where(decisive < 0, -1.0, 1.0)
 
 
 def _pairs(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
