@@ -15,6 +15,7 @@ from schemas.features import PointFeatures
 from schemas.shape import NormalizedShape
 from schemas.views import Views, ViewTokens
 from stages.backproject import BackprojectParams, backproject
+from stages.extract import ExtractParams, extract
 from stages.geometry.cameras import project
 from stages.render import RenderParams, render
 from stages.renderers.visibility import by_depth, by_face
@@ -260,3 +261,23 @@ def test_tokens_of_other_views_are_an_error() -> None:
     views = render(mesh, RenderParams(rings=1))
     with pytest.raises(ValueError, match="tokens: expected those of 6 views, got 5"):
         backproject(mesh, views, token_views(np.ones((5, 2, 2, 1))), BackprojectParams())
+
+
+def test_features_do_not_depend_on_the_renderer() -> None:
+    """A real encoder on both renderers' pictures: cosine > .99 at (almost) every point."""
+    mesh = sampled(trimesh.util.concatenate([
+        trimesh.creation.torus(0.35, 0.1), trimesh.creation.box((0.2, 0.5, 0.9)), trimesh.creation.cylinder(0.05, 1.0)
+    ]))
+    features = []
+    for name in ("embree", "pyrender"):
+        try:
+            views = render(mesh, RenderParams(renderer=name, rings=1, azimuth_offset=10))
+            tokens = extract(views, ExtractParams(encoder="efficientnet-lite0"))
+        except (RuntimeError, FileNotFoundError) as error:
+            pytest.skip(str(error))
+        features.append(backproject(mesh, views, tokens, BackprojectParams()).features.astype(float))
+    a, b = features
+    both = a.any(axis=1) & b.any(axis=1)
+    cosine = np.einsum("nc,nc->n", a[both], b[both]) / np.linalg.norm(a[both], axis=1) / np.linalg.norm(b[both], axis=1)
+    assert cosine.mean() > 0.998
+    assert np.quantile(cosine, 0.01) > 0.99
