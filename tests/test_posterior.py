@@ -1,0 +1,120 @@
+"""The posterior method on made-up shapes: it recovers what it was taught, does not care about order, and knows when frames differ."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from schemas.features import GeodesicDistances, PointFeatures
+from schemas.keypoints import Prediction
+from schemas.shape import Keypoints, NormalizedShape
+from stages.optimize import OptimizeParams, optimize
+from stages.posterior.geometry import local_geometry, prepare
+from stages.posterior.learning import deformation_covariance, frame_gate
+from stages.posterior.options import PosteriorParams
+
+PARAMS = PosteriorParams()
+Parts = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
+
+
+def box_cloud(seed: int, turn: float = 0.0, keypoints: int = 8) -> Parts:
+    """A noisy box cloud whose features are smooth functions of place; keypoints at its corners; turned about the up axis."""
+    rng = np.random.default_rng(seed)
+    sides = np.array([1.0, 0.6, 0.35]) * rng.uniform(0.9, 1.1, 3)
+    points = rng.uniform(-0.5, 0.5, (400, 3))
+    axis = rng.integers(0, 3, 400)
+    points[np.arange(400), axis] = np.sign(points[np.arange(400), axis]) / 2
+    corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, 8).T
+    points[:8] = corners
+    basis = np.random.default_rng(99).normal(size=(3, 24))
+    features = np.concatenate([np.sin(3 * points @ basis), 0.02 * rng.normal(size=(400, 8))], 1)
+    rotation = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    points = ((points * sides) @ rotation.T).astype(np.float32)
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2).astype(np.float16)
+    ids = np.arange(keypoints, dtype=np.int32)
+    shape = NormalizedShape(
+        kind="cloud", vertices=points, faces=np.zeros((0, 3), np.int32), points=points, point_faces=np.full(400, -1, np.int32),
+        point_barycentrics=np.zeros((400, 3), np.float32), candidates="cloud", center=(0, 0, 0), scale=1.0, repairs={},
+    )
+    described = PointFeatures(
+        features=features.astype(np.float16), counts=np.ones(400, np.int32), observed=np.ones(400, bool), descriptor="made up"
+    )
+    geodesic = GeodesicDistances(distances=distances, components=np.zeros(400, np.int32), method="euclidean")
+    return shape, described, geodesic, Keypoints(ids=ids, positions=points[ids].astype(np.float64), point_indices=ids)
+
+
+def run(target: Parts, shots: list[Parts], **params: object) -> Prediction:
+    parts = [list(column) for column in zip(*shots, strict=True)]
+    return optimize(target[0], target[1], target[2], *parts, params=OptimizeParams(**{"method": "posterior", **params}))   # type: ignore[arg-type]
+
+
+def test_it_recovers_keypoints_of_a_class() -> None:
+    found = run(box_cloud(7), [box_cloud(i) for i in range(3)])
+    truth = box_cloud(7)[3].positions
+    assert np.linalg.norm(found.positions - truth, axis=1).max() < 0.1
+    assert found.present.all()
+
+
+def test_a_shot_as_target_gets_its_own_keypoints() -> None:
+    found = run(box_cloud(0), [box_cloud(0)])
+    assert np.linalg.norm(found.positions - box_cloud(0)[3].positions, axis=1).max() < 0.1
+
+
+def test_the_order_of_candidates_does_not_matter() -> None:
+    shape, described, geodesic, keypoints = box_cloud(7)
+    order = np.random.default_rng(1).permutation(400)
+    shuffled = (
+        shape.model_copy(update={"points": shape.points[order]}),
+        described.model_copy(update={"features": described.features[order]}),
+        geodesic.model_copy(update={"distances": geodesic.distances[np.ix_(order, order)]}),
+        keypoints,
+    )
+    shots = [box_cloud(i) for i in range(3)]
+    np.testing.assert_array_equal(run(box_cloud(7), shots).points, order[run(shuffled, shots).points])
+
+
+def test_the_same_again() -> None:
+    shots = [box_cloud(i) for i in range(3)]
+    one, two = run(box_cloud(5), shots), run(box_cloud(5), shots)
+    np.testing.assert_array_equal(one.points, two.points)
+    assert one.objective == two.objective
+
+
+def test_shots_without_a_common_frame_fall_back_to_the_discrete_solver() -> None:
+    shots = [box_cloud(i, turn=2.1 * i) for i in range(3)]
+    posterior, discrete = run(box_cloud(7), shots), run(box_cloud(7), shots, method="discrete")
+    np.testing.assert_array_equal(posterior.points, discrete.points)
+
+
+def gate(turns: list[float]) -> float:
+    places = []
+    for i, turn in enumerate(turns):
+        shape, described, geodesic, keypoints = box_cloud(i, turn)
+        prepared = prepare(shape.points, described.features.astype(np.float32), geodesic.distances, PARAMS.radii)
+        places.append(prepared.box[keypoints.point_indices])
+    return frame_gate(np.array(places, float), np.ones((len(turns), 8), bool), PARAMS)
+
+
+def test_the_gate_tells_aligned_shapes_from_turned_ones() -> None:
+    assert gate([0.0, 0.0, 0.0]) < 1.2
+    assert gate([0.0, 2.1, 4.0]) > PARAMS.no_frame
+    assert gate([1.0]) == 1.0
+
+
+def test_local_geometry_does_not_change_under_turns_about_up() -> None:
+    points = box_cloud(3)[0].points
+    turned = box_cloud(3, turn=1.234)[0].points
+    np.testing.assert_allclose(local_geometry(points, PARAMS.radii)[1], local_geometry(turned, PARAMS.radii)[1], atol=1e-2)
+
+
+def test_the_prior_is_a_covariance() -> None:
+    covariance = deformation_covariance(np.random.default_rng(0).uniform(-0.5, 0.5, (12, 3)), PARAMS)
+    np.testing.assert_allclose(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+@pytest.mark.parametrize("presence", ["all", "evidence"])
+def test_what_shots_and_target_show_is_present(presence: str) -> None:
+    shots = [box_cloud(i) for i in range(3)]
+    found = run(box_cloud(7), shots, presence=presence)
+    assert found.present.all()
