@@ -40,6 +40,7 @@ def train(examples: Sequence[Example], options: Options) -> Detector:
     basis = principal(standard, options.components)
     inputs = torch.from_numpy(standard @ basis)
     near, far = (torch.from_numpy(w) for w in _weights(examples, ids))
+    both = near + far
 
     random = torch.Generator().manual_seed(options.seed)
     hidden = options.hidden
@@ -58,7 +59,7 @@ def train(examples: Sequence[Example], options: Options) -> Detector:
         optimiser.zero_grad()
         x = torch.relu(inputs @ layers[2] + layers[3]) if hidden else inputs
         logits = x @ layers[0] + layers[1]
-        loss = (near * torch.nn.functional.softplus(-logits) + far * torch.nn.functional.softplus(logits)).sum()
+        loss = (both * torch.nn.functional.softplus(logits) - near * logits).sum()  # −near log p − far log (1 − p)
         loss.backward()
         optimiser.step()
     weights, biases, *rest = (layer.detach().numpy() for layer in layers)
