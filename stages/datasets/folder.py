@@ -14,8 +14,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Literal
 
-from pipeline.dataset import Dataset, Leaf, Shape, dataset
+from pipeline.dataset import Leaf, Shape, dataset
 from stages.datasets.annotations import AnnotationFile
+from stages.datasets.external import WithExternals
 from stages.datasets.files import Companions, has_faces, uncollected, walk
 from stages.datasets.sources import source_leaf
 from stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
@@ -25,7 +26,7 @@ Key = tuple[str, str]
 
 
 @dataset("folder")
-class Folder(Dataset):
+class Folder(WithExternals):
     """Any folder of shapes."""
 
     kind: Literal["folder"] = "folder"
@@ -56,7 +57,7 @@ class Folder(Dataset):
                 f"folder: expected files like {self.pattern} of {formats} below {self.root}, got none; set dataset.root or dataset.pattern"
             )
         keypoints, errors = self._annotations(found)
-        companions = Companions(files)
+        companions, externals = Companions(files), self.externals()
         shapes = [Shape(key[1], key[0], {}, None, error) for key, error in errors.items() if key not in found]
         for key, roles in found.items():
             name = "/".join(key)
@@ -64,6 +65,7 @@ class Folder(Dataset):
             leaves = {"source": source_leaf(name, mesh, roles.get("cloud"), companions.of(mesh) if mesh else None)}
             if key in keypoints:
                 leaves["keypoints"] = keypoints[key]
+            leaves |= externals.leaves(*key)
             shapes.append(Shape(key[1], key[0], leaves, None, errors.get(key)))
         return sorted(shapes, key=lambda shape: shape.name)
 

@@ -14,8 +14,9 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pipeline.dataset import Dataset, Shape, dataset
+from pipeline.dataset import Shape, dataset
 from stages.datasets.annotations import AnnotationFile, repeated
+from stages.datasets.external import Externals, WithExternals
 from stages.datasets.files import uncollected
 from stages.datasets.sources import source_leaf
 
@@ -23,7 +24,7 @@ CLOUDS, MESHES = "pcds", "ShapeNetCore.v2.ply"
 
 
 @dataset("keypointnet")
-class KeypointNet(Dataset):
+class KeypointNet(WithExternals):
     """KeypointNet's classes with their human keypoints."""
 
     kind: Literal["keypointnet"] = "keypointnet"
@@ -50,11 +51,11 @@ class KeypointNet(Dataset):
             raise FileNotFoundError(
                 f"keypointnet: expected classes among {', '.join(existing)} in {folder}, got {', '.join(unknown)}; set dataset.classes"
             )
-        splits = self._splits()
-        shapes = [shape for category in classes for shape in self._class(category, splits)]
+        splits, externals = self._splits(), self.externals()
+        shapes = [shape for category in classes for shape in self._class(category, splits, externals)]
         return sorted(shapes, key=lambda shape: shape.name)
 
-    def _class(self, category: str, splits: dict[str, str]) -> list[Shape]:
+    def _class(self, category: str, splits: dict[str, str], externals: Externals) -> list[Shape]:
         path = self.root / "annotations" / f"{category}.json"
         annotations = AnnotationFile.read(path)
         listed: dict[str, dict[str, str]] = {}
@@ -72,7 +73,7 @@ class KeypointNet(Dataset):
             error = self._missing(name, f"{class_id}/{model_id}", mesh, cloud)
             if f"{class_id}-{model_id}" in twice:
                 error = f"{name}: expected one entry in {path}, got several; mend the annotation file"
-            leaves = {"keypoints": annotations.leaf(entry, name)}
+            leaves = {"keypoints": annotations.leaf(entry, name), **externals.leaves(category, model_id)}
             if error is None:
                 leaves["source"] = source_leaf(name, None if self.geometry == "cloud" else mesh, cloud)
             shapes[model_id] = Shape(model_id, category, leaves, splits.get(f"{class_id}-{model_id}"), error)
