@@ -25,12 +25,12 @@ class TrainHeadParams(Params):
     """σ of the heat maps exp(−d² / 2σ²) around the shots' keypoints that are to be reproduced, in the same unit."""
     hidden: int = Field(default=0, ge=0)
     """Width of a hidden layer of rectified units; 0: none, so that every id has a linear detector of its own."""
-    components: int = Field(default=128, ge=1)
+    components: int = Field(default=64, ge=1)
     """Leading principal components of the inputs that training is confined to (all there are, if fewer): faster, and less to fit."""
     steps: int = Field(default=200, ge=1)
     """Adam steps over all candidates of all shots at once."""
     learning_rate: float = Field(default=0.01, gt=0)
-    weight_decay: float = Field(default=0.1, ge=0)
+    weight_decay: float = Field(default=1.0, ge=0)
     """Decoupled (AdamW): each step shrinks the weights by learning_rate × this."""
     absent: Literal["calibrated", "never"] = "calibrated"
     """"calibrated": an id is judged absent below the probability that best separates ids present and absent on held-out shots.
