@@ -1,0 +1,143 @@
+"""Every command and every Python line of the README runs, in its order, on data small enough for a test."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.stage import STAGES
+from stages.datasets.procedural import Procedural
+from tests.small_runs import FAST
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+B23D = [sys.executable, "-m", "pipeline.cli"]
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+
+
+COMMANDS = [line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines() if line.startswith("b23d")]
+
+
+def make_keypointnet(root: Path) -> None:
+    """KeypointNet's own layout, from procedural shapes: clouds and annotations of three classes."""
+    for number, (theirs, ours) in enumerate([("airplane", "airplane"), ("chair", "chair"), ("table", "table")]):
+        entries = []
+        (root / "pcds" / f"{number:08d}").mkdir(parents=True)
+        for shape in Procedural(kind="procedural", classes=[ours], count=4).shapes():   # type: ignore[list-item]
+            leaf, source = shape.leaves["keypoints"], shape.leaves["source"]
+            keypoints = leaf.load({}, leaf.values)
+            mesh = trimesh_of(source.load({}, source.values))
+            points = np.concatenate([keypoints.positions, mesh.sample(300, seed=0)])
+            header = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+            header += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA ascii\n"
+            text = header + "\n".join(" ".join(f"{x:.6f}" for x in p) for p in points) + "\n"
+            (root / "pcds" / f"{number:08d}" / f"{shape.id}.pcd").write_text(text)
+            marks = [
+                {"xyz": p.tolist(), "semantic_id": int(i), "pcd_info": {"point_index": row}}
+                for row, (i, p) in enumerate(zip(keypoints.ids, keypoints.positions, strict=True))
+            ]
+            entries.append({"class_id": f"{number:08d}", "model_id": shape.id, "keypoints": marks})
+        (root / "annotations").mkdir(exist_ok=True)
+        (root / "annotations" / f"{theirs}.json").write_text(json.dumps(entries))
+
+
+def trimesh_of(source: object) -> object:
+    import trimesh
+
+    return trimesh.load(trimesh.util.wrap_as_stream(source.files["mesh.ply"]), file_type="ply", process=False)   # type: ignore[attr-defined]
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder as the README's reader has it: run files (made small), their own shapes, KeypointNet."""
+    folder = tmp_path_factory.mktemp("readme")
+    shutil.copytree(ROOT / "runs", folder / "runs", ignore=lambda d, names: [n for n in names if not n.endswith((".toml", "variants"))])
+    make_keypointnet(folder / "path" / "to" / "keypointnet")
+    shutil.copytree(folder / "path" / "to" / "keypointnet", folder / "data" / "keypointnet")
+    shapes = folder / "my-shapes" / "chairs"
+    shapes.mkdir(parents=True)
+    entries = []
+    chairs = Procedural(kind="procedural", classes=["chair"], count=4).shapes()
+    for name, shape in zip(["armchair", "stool", "throne", "bench"], chairs, strict=True):
+        source, leaf = shape.leaves["source"], shape.leaves["keypoints"]
+        (shapes / f"{name}.ply").write_bytes(source.load({}, source.values).files["mesh.ply"])
+        keypoints = leaf.load({}, leaf.values)
+        marks = [{"xyz": p.tolist(), "semantic_id": int(i)} for i, p in zip(keypoints.ids, keypoints.positions, strict=True)]
+        entries.append({"model_id": name, "keypoints": marks})
+    (folder / "my-shapes" / "keypoints.json").write_text(json.dumps(entries[:3]))
+    mine = next(block for block in blocks("toml") if "runs/mine.toml" in block).replace('"dinov2-small"', '"efficientnet-lite0"')
+    (folder / "runs" / "mine.toml").write_text(mine)
+    for name in ("demo", "keypointnet", "mine"):   # made small: few views, few candidates
+        path = folder / "runs" / f"{name}.toml"
+        text = re.sub(r"\[stages\.extract\][^\[]*", "", path.read_text())
+        text = re.sub(r"draws = \[[0-9, ]*\]", "draws = [0]", text.replace("count = 8 ", "count = 4 "))
+        path.write_text(text + FAST)
+    yield folder
+
+
+def run(workplace: Path, command: str, scheduler: str) -> subprocess.CompletedProcess[str]:
+    """A README command, with what only exists elsewhere replaced: a cluster, a bucket, 32 cores."""
+    words = command.replace("tcp://head-node:8786", scheduler).replace("s3://bucket/b23d", (workplace / "bucket").as_uri())
+    words = words.replace("--workers 32", "--workers 2")
+    import shlex
+
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run([*B23D, *shlex.split(words)[1:]], cwd=workplace, capture_output=True, text=True, env=environment)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as running:
+        yield running.scheduler_address
+
+
+def test_every_command_runs(workplace: Path, cluster: str) -> None:
+    assert len(COMMANDS) >= 14
+    for command in COMMANDS:
+        if command == "b23d plan runs/demo.toml":
+            assert run(workplace, "b23d run runs/demo.toml --workers 2", cluster).returncode == 0   # make demo has run before
+        done = run(workplace, command, cluster)
+        assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    assert (workplace / "runs" / "demo" / "report.html").stat().st_size > 10_000
+    assert (workplace / "chair.ply").exists()
+
+
+def test_the_python_example_runs(workplace: Path, cluster: str) -> None:
+    code = next(block for block in blocks("python") if "stages.api" in block)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ready = "b23d run runs/mine.toml --workers 2"
+    assert run(workplace, ready, cluster).returncode == 0
+    code = code.replace("run.execute()", "run.execute(workers=0)").replace("run.scores ", "print(len(run.shapes)) ")
+    done = subprocess.run([sys.executable, "-c", code], cwd=workplace, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_the_stage_example_is_a_stage() -> None:
+    code = next(block for block in blocks("python") if "@stage" in block)
+    try:
+        exec(compile(code.replace("from __future__", "# "), "README", "exec"), {"__name__": "readme"})
+        assert STAGES["height"].inputs[0].upstream == "normalize"
+    finally:
+        STAGES.pop("height", None)
+
+
+def test_make_targets_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    for target in re.findall(r"^make (\w+)", "\n".join(blocks("sh")), re.M):
+        assert re.search(rf"^{target}:", makefile, re.M), target
+    ci = (ROOT / ".ci" / "run").read_text()
+    assert "make test" in ci
