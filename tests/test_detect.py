@@ -21,6 +21,7 @@ from stages.detectors.iss import iss
 from stages.detectors.neighbourhoods import ball_sums, scatter_matrices, strongest
 from stages.detectors.sift3d import extrema, sift3d, surface_variation
 from stages.geodesic import GeodesicParams, geodesic
+from stages.score import ScoreParams, score
 from stages.scoring.summary import score_table
 from tests.made_shapes import BOX, of_cloud, of_mesh
 from tests.shared_data import shared
@@ -279,3 +280,17 @@ def test_airplanes_farthest_points_find_most_keypoints() -> None:
     found = run((normal, geodesic(normal, GeodesicParams()), keypoints))   # type: ignore[arg-type]
     places = (keypoints.positions - normal.center) / normal.scale   # type: ignore[attr-defined]
     assert (nearest(found.positions, places) < 0.15).mean() > 0.5
+
+
+def test_score_takes_detections_without_names_twice_the_same_and_none() -> None:
+    shape = of_cloud(hills())
+    keypoints = annotated(shape, shape.points[[3, 40]])[2]
+    for chosen, expected in (([3, 3, 900], (1, 1, 1)), ([900, 900], (0, 2, 2)), ([], (0, 0, 2))):
+        count = len(chosen)
+        found = Prediction(
+            ids=np.full(count, -1, np.int32), points=np.array(chosen, np.int32), positions=shape.points[np.array(chosen, int)],
+            present=np.ones(count, bool), costs=np.zeros(count, np.float32), objective=0, method="by hand",
+        )  # fmt: skip
+        scored = score(shape, found, keypoints, [keypoints], ScoreParams(thresholds=(0.001,)))
+        assert (scored.true_positives[0], scored.false_positives[0], scored.false_negatives[0]) == expected
+        assert scored.labelled[0] == scored.symmetric[0] == scored.common == 0 and scored.matched[0] == expected[0]
