@@ -89,7 +89,8 @@ def _decode_chunk(data: bytes, shape: tuple[int, ...], dtype: str) -> np.ndarray
     if _crc(body) != checksum:
         raise ValueError("chunk: expected its crc32c, got other bytes")
     out = np.empty(shape, dtype)
-    _ZSTD.decode(body, out=out.reshape(-1).view(np.uint8))
+    if out.size:   # zstd decodes no empty frame into a buffer
+        _ZSTD.decode(body, out=out.reshape(-1).view(np.uint8))
     return out
 
 
