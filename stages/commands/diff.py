@@ -104,7 +104,7 @@ def moved_table(one: Run, two: Run, most: int) -> Table:
 
 
 def _places(run: Run) -> dict[tuple[str, int | None, int], np.ndarray]:
-    found = {}
+    found: dict[tuple[str, int | None, int], np.ndarray] = {}
     for shape, draw, artifact in run.collect("optimize"):
         if isinstance(artifact, Prediction):
             rows = zip(artifact.ids, artifact.positions, artifact.present, strict=True)

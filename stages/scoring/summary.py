@@ -47,7 +47,7 @@ def _figures(shapes: list[ShapeScore]) -> Figures:
     """Micro-averages over the shapes of one class in one draw."""
 
     def total(field: str) -> np.ndarray:
-        return np.sum([getattr(shape, field) for shape in shapes], axis=0, dtype=np.int64)
+        return np.asarray(np.sum([getattr(shape, field) for shape in shapes], axis=0, dtype=np.int64))
 
     annotated, predicted, common, met = total("annotated"), total("predicted"), total("common"), total("matched")
     shared, either = total("ceiling")
