@@ -74,8 +74,9 @@ def labelled(seed: int, ids: list[int], indices: list[int], token: np.ndarray | 
 
 
 def solve(target: Labelled, shots: list[Labelled], **params: Any) -> Prediction:
+    """The paper's objective by the discrete solver, unless told otherwise; the posterior method has its own tests."""
     columns = [list(column) for column in zip(*shots, strict=True)]
-    return optimize(*target[:3], *columns, OptimizeParams(**params))
+    return optimize(*target[:3], *columns, OptimizeParams(**{"method": "discrete", **params}))
 
 
 IDS, AT = [0, 2, 5, 9], [3, 50, 120, 180]
@@ -123,7 +124,7 @@ def test_same_seed_same_prediction() -> None:
         assert first.objective == second.objective
 
 
-def test_scales_of_shape_and_features_do_not_matter_by_default() -> None:
+def test_scales_of_shape_and_features_do_not_matter() -> None:
     shots = [labelled(0, IDS, AT)]
     points, features, distances = sphere(1)
     plain = (shape_of(points), features_of(features), distances_of(distances), shots[0][3])
