@@ -77,19 +77,22 @@ def point_normals(shape: NormalizedShape) -> np.ndarray:
 
 
 def _divided(vertices: np.ndarray, faces: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
-    """Faces with an edge longer than `EDGE` cut in four, again and again, until that would make more than `limit`."""
+    """Faces with an edge longer than `EDGE` cut in two there, again and again, those with the longest first, up to `limit` faces."""
     while True:
         corners = vertices[faces]
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        long = longest > EDGE
-        if not long.any() or len(faces) + 3 * int(long.sum()) > limit:
-            return _used(vertices, faces)
-        split = faces[long]
-        a, b, c = (np.arange(len(split)) + len(vertices) + i * len(split) for i in range(3))
-        middles = [(vertices[split[:, i]] + vertices[split[:, (i + 1) % 3]]) / 2 for i in range(3)]
-        quarters = [(split[:, 0], a, c), (a, split[:, 1], b), (c, b, split[:, 2]), (a, b, c)]
-        vertices = np.concatenate([vertices, *middles])
-        faces = np.concatenate([faces[~long], *(np.stack(quarter, axis=1) for quarter in quarters)])
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)   # of the edge from each corner to the next
+        longest = lengths.max(axis=1)
+        order = np.argsort(-longest, kind="stable")
+        cut = order[: min(int((longest > EDGE).sum()), limit - len(faces))]
+        if not len(cut):
+            places, merged = np.unique(vertices, axis=0, return_inverse=True)   # each cut made its own middle
+            return _used(places, merged.reshape(-1)[faces])
+        start = lengths[cut].argmax(axis=1)
+        a, b, c = (faces[cut, (start + i) % 3] for i in range(3))
+        middle = np.arange(len(cut)) + len(vertices)
+        vertices = np.concatenate([vertices, (vertices[a] + vertices[b]) / 2])
+        whole = np.delete(faces, cut, axis=0)
+        faces = np.concatenate([whole, np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
 
 
 def _used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,22 +7,33 @@
   const REACH = 0.58;   // half of the cube that is shown: shapes are centred, their longest side is 1
   const AXIS = { visible: false, showspikes: false, range: [-REACH, REACH] };
   const TRACES = ["surface", "points", "lines", "truth", "predicted", "reference", "labels"];   // their order is their index
+  const STILL = 4;   // pixels a pointer may move between down and up and still click
   const CONFIG = { displayModeBar: false, responsive: true, scrollZoom: true };
-  const BALL = 0.019, PICKED = 0.022, LIFT = 0.045;   // lengths in the unit frame
+  const BALL = 0.017, PICKED = 0.02, LIFT = 0.045;   // lengths in the unit frame
 
   b23d.Scene = class {
     /** `onPick(point)`: a candidate was clicked; `onCamera(camera)`: the view was turned. */
     constructor(place, onPick, onCamera) {
-      Object.assign(this, { place, onPick, onCamera, shape: null, camera: null, balls: [] });
+      Object.assign(this, { place, onPick, onCamera, shape: null, camera: null, balls: [], under: null });
+      let down = null;
+      place.addEventListener("pointerdown", (event) => { down = [event.clientX, event.clientY]; }, true);
+      place.addEventListener("pointerup", (event) => {
+        const still = down && Math.hypot(event.clientX - down[0], event.clientY - down[1]) < STILL;
+        down = null;
+        if (still && this.under) this.picked(this.under);
+      }, true);
     }
 
     async show(shape, camera = null) {
       this.shape = shape;
+      this.hover(null);
       this.camera = camera || this.fitted(shape);
       await Plotly.react(this.place, this.traces(), this.layout(), CONFIG);
       if (this.listening) return;
       this.listening = true;
-      this.place.on("plotly_click", (event) => this.picked(event.points[0]));
+      // Plotly's own click comes with every frame while a button is down, turns included: only what lies under the pointer is kept.
+      for (const name of ["plotly_hover", "plotly_click"]) this.place.on(name, (event) => this.hover(event.points[0]));
+      this.place.on("plotly_unhover", () => this.hover(null));
       for (const name of ["plotly_relayout", "plotly_relayouting"]) {
         this.place.on(name, (change) => {
           const turned = change["scene.camera"];
@@ -92,6 +103,11 @@
       if (this.shape) Plotly.purge(this.place);
       this.shape = null;
       this.listening = false;
+    }
+
+    hover(point) {
+      this.under = point;
+      this.place.dataset.under = point ? TRACES[point.curveNumber] : "";
     }
 
     picked(point) {

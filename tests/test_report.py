@@ -1,0 +1,240 @@
+"""The report's parts: packed arrays, colours, pictures, figures, and the page that is written."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from pipeline.cli import app, plug_in
+from pipeline.run import Run
+from schemas.shape import NormalizedShape
+from stages.commands.scores import run_scores
+from stages.report.choosing import best_and_worst, detailed, file_keys
+from stages.report.details import details
+from stages.report.distances import curve_order, decode, encode, quantise
+from stages.report.figures import plot_shape, score_curves
+from stages.report.gathering import Gathering
+from stages.report.packing import pack
+from stages.report.page import as_json, duration
+from stages.report.painting import marks, picture
+from stages.report.paper import QUOTED
+from stages.report.principal import fit_basis
+from stages.report.rows import keypoint_errors, row
+from stages.report.summary import settings
+from stages.report.surface import EDGE, surface_of
+from stages.report.writing import write_report
+from tests.report_runs import mixed
+
+plug_in()
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return mixed()
+
+
+def mesh_shape(mesh: trimesh.Trimesh) -> NormalizedShape:
+    vertices, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
+    count = min(len(vertices), 200)
+    return NormalizedShape(
+        kind="mesh", vertices=vertices, faces=faces, points=vertices[:count], point_faces=np.zeros(count, np.int32),
+        point_barycentrics=np.zeros((count, 3), np.float32), candidates="fps", center=(0, 0, 0), scale=1, repairs={},
+    )
+
+
+def test_packed_arrays_unpack_to_the_same_bytes() -> None:
+    for array in (np.arange(12, dtype=np.float16).reshape(3, 4), np.array([True, False]), np.zeros((0, 3), np.int32)):
+        packed = pack(array)
+        back = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), packed["dtype"]).reshape(packed["shape"])
+        np.testing.assert_array_equal(back, array)
+    with pytest.raises(TypeError, match="got float64"):
+        pack(np.zeros(3))
+
+
+@pytest.mark.parametrize("n", [1, 2, 60])
+def test_distances_survive_packing_to_eight_bits(n: int) -> None:
+    points = np.random.default_rng(n).random((n, 3))
+    distances = np.linalg.norm(points[:, None] - points[None], axis=2).astype(np.float16)
+    levels, largest = quantise(distances)
+    assert np.abs(levels * (largest / 255) - distances).max() <= largest / 255
+    order = curve_order(points)
+    assert sorted(order) == list(range(n))
+    ordered = levels[np.ix_(order, order)]
+    np.testing.assert_array_equal(decode(encode(ordered), n), ordered)
+
+
+def test_pairs_without_a_path_count_as_the_largest_distance() -> None:
+    levels, largest = quantise(np.array([[0, 2, np.inf], [2, 0, np.inf], [np.inf, np.inf, 0]], np.float16))
+    assert largest == 2 and levels[0, 2] == 255
+
+
+def test_one_basis_gives_equal_features_equal_colours_on_every_shape() -> None:
+    rng = np.random.default_rng(0)
+    planted = rng.normal(size=(3, 40))
+    shapes = [rng.normal(size=(600, 3)) * [5, 2, 1] @ planted + 7 for _ in range(3)]
+    basis = fit_basis(shapes)
+    np.testing.assert_allclose(basis.components @ basis.components.T, np.eye(len(basis.components)), atol=1e-9)
+    assert basis.kept == pytest.approx(1) and len(basis.components) == 32
+    projected = basis.project(shapes[0])
+    np.testing.assert_allclose(projected @ basis.components + basis.mean, shapes[0], atol=1e-3)
+    same = basis.colors(basis.project(np.stack([shapes[0][5], shapes[0][5]])))
+    assert (same[0] == same[1]).all() and (same[0] == basis.colors(projected)[5]).all()
+    with pytest.raises(ValueError, match="equal channels"):
+        fit_basis([np.ones((4, 3)), np.ones((4, 5))])
+
+
+def test_few_points_and_few_channels_still_have_a_basis() -> None:
+    basis = fit_basis([np.array([[1.0, 2.0]])])
+    assert basis.colors(basis.project(np.array([[1.0, 2.0]]))).shape == (1, 3)
+
+
+def test_large_faces_are_divided_and_many_faces_merged() -> None:
+    divided = surface_of(mesh_shape(trimesh.creation.box(extents=(1, 0.3, 0.3))))
+    assert divided is not None and not divided.coarse
+    corners = divided.vertices[divided.faces]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= EDGE
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(2 * (0.3 + 0.3 + 0.09), rel=1e-5)
+    coarse = surface_of(mesh_shape(trimesh.creation.icosphere(subdivisions=5, radius=0.5)), limit=3000)
+    assert coarse is not None and coarse.coarse and 500 < len(coarse.faces) <= 3000
+    assert np.linalg.norm(coarse.vertices, axis=1) == pytest.approx(0.5, abs=0.05)
+    assert coarse.faces.max() == len(coarse.vertices) - 1
+
+
+def test_pictures_show_the_shape_and_nothing_around_it(run: Run) -> None:
+    gathered = Gathering(run)
+    for shape in (run.shapes[0], next(s for s in run.shapes if s.category == "egg")):
+        entry = gathered.entry(shape)
+        assert entry.normalized is not None
+        plain = picture(entry.normalized, None, 96)
+        assert plain.shape == (96, 96, 4) and plain[0, 0, 3] == 0 and plain[48, 48, 3] == 255
+        filled = (plain[..., 3] > 128).mean()
+        assert 0.1 < filled < 0.9
+        attempt = entry.attempt()
+        if attempt is not None:
+            marked = picture(entry.normalized, None, 96, marks(entry, attempt.prediction))
+            assert (marked != plain).any()
+
+
+def test_rows_agree_with_scores(run: Run) -> None:
+    gathered = Gathering(run)
+    compared = 0
+    for shape in run.shapes:
+        entry = gathered.entry(shape)
+        for attempt in entry.attempts:
+            assert attempt.score is not None
+            errors = np.array(list(keypoint_errors(entry, attempt).values()))
+            assert [int((errors <= at).sum()) for at in attempt.score.thresholds] == attempt.score.labelled.tolist()
+            compared += 1
+        line = row(entry)
+        assert json.dumps(line, allow_nan=False)
+        assert line["state"] == ("failed" if shape.name == "box/broken" else "done")
+    assert compared == 2 * (2 + 1), "two draws of two shots of four boxes and three eggs"
+
+
+def test_details_are_whole_and_small(run: Run) -> None:
+    gathered = Gathering(run)
+    entry = gathered.entry(run.shapes[0])
+    assert entry.features is not None
+    text = as_json(details(entry, fit_basis([entry.features.features])))
+    assert len(text) < 1.5e6
+    value = json.loads(text)
+    assert value["points"]["shape"] == [256, 3] and value["surface"] and value["distances"]["largest"] > 0.5
+    assert len(value["truth"]) == 8 and value["kind"] == "mesh"
+
+
+def test_settings_tell_what_differs(run: Run) -> None:
+    lines = {line["key"]: line for line in settings(run)}
+    assert lines["stages.optimize.alpha"]["differs"] and lines["stages.optimize.alpha"]["value"] == "0.5"
+    assert lines["stages.optimize.alpha"]["means"], "fields say what they mean"
+    assert not lines["stages.optimize.beta"]["differs"]
+
+
+def test_views_are_kept_for_extremes_and_shots_first() -> None:
+    rows = [{"points": 9, "category": "c", "auc": i / 100, "shot": [0] if i == 50 else []} for i in range(100)]
+    assert detailed(rows, 1000) == set(range(100))
+    chosen = detailed(rows, 20)
+    assert len(chosen) == 20 and {0, 1, 2, 97, 98, 99, 50} <= chosen
+    assert best_and_worst(rows) == [(99, "best"), (0, "worst")]
+    assert best_and_worst(rows[:1]) == [(0, "best")]
+
+
+def test_files_have_plain_and_different_names(run: Run) -> None:
+    from dataclasses import replace
+
+    shape = run.shapes[0]
+    keys = file_keys([replace(shape, id=name) for name in ("a b", "a/b", "A B", "é", "x")])
+    assert len({key.lower() for key in keys}) == 5 and all(re.fullmatch(r"[A-Za-z0-9._-]+", key) for key in keys)
+
+
+def test_text_cannot_leave_its_script_element() -> None:
+    text = as_json({"name": "</script><script>alert(1)</script>"})
+    assert "<" not in text and json.loads(text)["name"].startswith("</script>")
+    with pytest.raises(ValueError, match="JSON"):
+        as_json({"x": float("nan")})
+
+
+def test_curves_hold_the_scores_and_the_papers_figures(run: Run) -> None:
+    table = run_scores(run)
+    figure = score_curves(table)
+    named = {trace.name: trace for trace in figure.data if trace.mode != "lines" or trace.showlegend is not False}
+    assert list(named["box"].y) == table.classes["box"].iou.mean
+    assert tuple(named["B2-3D (paper)"].y) == QUOTED[0].iou and QUOTED[0].auc == pytest.approx(0.507, abs=1e-3)
+
+
+def test_a_shape_plots_in_one_line(run: Run) -> None:
+    gathered = Gathering(run)
+    name = next(s.name for s in run.shapes if s.category == "box" and gathered.entry(s).attempts)
+    figure = plot_shape(run, name)
+    assert {"candidates", "annotated"} <= {trace.name for trace in figure.data} and any("predicted" in (t.name or "") for t in figure.data)
+    assert figure.to_json()
+    with pytest.raises(KeyError, match="did you mean 'box/b0'"):
+        plot_shape(run, "b0")
+
+
+def test_the_command_writes_a_page_and_says_where(run: Run, tmp_path: Path) -> None:
+    out = tmp_path / "page.html"
+    result = CliRunner().invoke(app, ["report", str(run.config.path), "--set", "stages.optimize.alpha=0.5", "--out", str(out), "--beside"])
+    assert result.exit_code == 0, result.output
+    assert "3D views of 8 of 9 shapes" in result.output and "page-details" in result.output
+    text = out.read_text()
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:)?//", text), "nothing from the network"
+    assert "box/broken" in text and "lonely (draw 0)" in text
+    assert len(list((tmp_path / "page-details").glob("*.js"))) == 8
+    again = CliRunner().invoke(app, ["report", str(run.config.path), "--set", "stages.optimize.alpha=0.5", "--out", str(out), "--inline"])
+    assert again.exit_code == 0 and sorted(path.name for path in tmp_path.iterdir()) == ["page.html"], "no stale details beside it"
+
+
+def test_a_damaged_artifact_costs_its_own_shape_only(run: Run, tmp_path: Path) -> None:
+    shutil.copytree(run.config.path.parent, tmp_path / "copy")
+    overrides = ["stages.optimize.alpha=0.5"]
+    copy = Run.load(tmp_path / "copy" / "mixed.toml", overrides, store=str(tmp_path / "copy" / "store"))
+    node = copy.node("box/b1", "geodesic")
+    chunk = next(Path(copy.store.path("geodesic", node.address)).glob("distances/c/*/*"))
+    data = bytearray(chunk.read_bytes())
+    data[len(data) // 2] ^= 1
+    chunk.write_bytes(bytes(data))
+    made = write_report(copy, inline=True)
+    assert made.detailed == 7
+    rows = json.loads(re.search(r'id="data">(.*?)</script>', made.page.read_text(), re.S)[1])["rows"]   # type: ignore[index]
+    failed = {line["name"]: line["errors"] for line in rows if line["state"] == "failed"}
+    assert set(failed) == {"box/b1", "box/broken"} and "b23d verify" in failed["box/b1"][0]
+
+
+def test_a_run_that_made_nothing_has_no_report(run: Run, tmp_path: Path) -> None:
+    empty = Run.load(run.config.path, store=str(tmp_path / "empty"))
+    with pytest.raises(ValueError, match="run it first"):
+        write_report(empty, tmp_path / "page.html")
+
+
+def test_durations_read_like_durations() -> None:
+    assert [duration(s) for s in (0.4, 59.4, 200, 14_700)] == ["0 s", "59 s", "3 min 20 s", "4 h 5 min"]
