@@ -32,8 +32,9 @@ class PosteriorParams(Params):
     """Of distances, in the shape's largest."""
     gate_prior: float = Field(6.0, gt=0)
     """Pseudo-residuals of the frame gate."""
-    no_frame: float = Field(3.0, ge=1)
-    """A gate above this: the shots share no common frame, and the discrete solver is used, which needs none."""
+    no_frame: float = Field(4.5, ge=1)
+    """A gate above this: the shots share no common frame, and the discrete solver is used, which needs none. Between what aligned
+    classes show (1 … 3.2) and shapes each turned their own way (5.4 … 9)."""
     sweeps: int = Field(6, ge=1)
     """Of the mean field."""
     hit_radius: float = Field(0.08, gt=0)
