@@ -22,7 +22,7 @@ from stages.report.surface import point_normals
 DIRECTION = np.deg2rad(np.array([[145.0, 22.0]]))   # azimuth from +z towards +x, elevation
 LIGHT = np.array([0.35, 0.8, -0.5]) / np.linalg.norm([0.35, 0.8, -0.5])
 GREY = (176, 182, 190)
-DENSE = 24_000   # points that stand for a mesh's surface
+LEAST, MOST = 12_000, 150_000   # points that stand for a mesh's surface: a quarter of the picture's pixels, between these
 MARGIN = 0.06
 SUPERSAMPLED = 2
 
@@ -43,7 +43,7 @@ def picture(shape: NormalizedShape, colors: np.ndarray | None, size: int, keypoi
 
     Predicted and true keypoints of one id are joined by a line.
     """
-    points, normals, near = _surface_points(shape)
+    points, normals, near, spacing = _surface_points(shape, size)
     base = np.full((len(points), 3), GREY, np.float64) if colors is None else colors[near].astype(np.float64)
     shade = 0.45 + 0.55 * np.abs(normals @ LIGHT)
     eye = rotations(DIRECTION)[0]
@@ -52,8 +52,8 @@ def picture(shape: NormalizedShape, colors: np.ndarray | None, size: int, keypoi
     pixels = size * SUPERSAMPLED
     scale = (1 - 2 * MARGIN) * pixels / max(float((high - low).max()), 1e-6)
     offset = pixels / 2 - scale * (low + high) / 2
-    radius = 0.011 * pixels if len(points) > 8000 else max(1.5, 0.7 * scale * _spacing(points))
-    canvas = _splat(seen[:, :2] * scale + offset, seen[:, 2], np.clip(base * shade[:, None], 0, 255), pixels, radius)
+    colored = np.clip(base * shade[:, None], 0, 255)
+    canvas = _splat(seen[:, :2] * scale + offset, seen[:, 2], colored, pixels, max(1.5, scale * spacing))
     return _shrunk(_marked(canvas, list(keypoints), eye, scale, offset))
 
 
@@ -93,24 +93,30 @@ def webp(image: np.ndarray, quality: int = 80) -> bytes:
     return stream.getvalue()
 
 
-def _surface_points(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (m, 3), normals (m, 3) and each one's nearest candidate (m,): many of a mesh, the candidates of a cloud."""
+def _surface_points(shape: NormalizedShape, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Points (m, 3), normals (m, 3), each one's nearest candidate (m,), and a disc's radius that leaves few gaps, unit frame.
+
+    Many points of a mesh, the candidates of a cloud.
+    """
     if shape.kind == "cloud":
-        return shape.points.astype(np.float64), point_normals(shape), np.arange(len(shape.points))
+        return shape.points.astype(np.float64), point_normals(shape), np.arange(len(shape.points)), 0.7 * _spacing(shape.points)
     from scipy.spatial import cKDTree
 
+    from stages.geometry.cleaning import areas
     from stages.geometry.sampling import surface_samples
 
-    on = surface_samples(shape.vertices, shape.faces, DENSE, np.random.default_rng(0))
+    count = min(max(LEAST, size**2 // 4), MOST)
+    on = surface_samples(shape.vertices, shape.faces, count, np.random.default_rng(0))
     corners = shape.vertices[shape.faces[on.faces]].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     _, near = cKDTree(shape.points).query(on.points)
-    return on.points.astype(np.float64), normals, near
+    each = areas(shape.vertices, shape.faces).sum() / count   # of the surface, a point's share
+    return on.points.astype(np.float64), normals, near, 1.25 * float(np.sqrt(each))
 
 
 def _spacing(points: np.ndarray) -> float:
-    """Median distance to the third nearest neighbour: discs this wide leave few gaps."""
+    """Median distance to the third nearest neighbour."""
     from scipy.spatial import cKDTree
 
     distances, _ = cKDTree(points).query(points, k=min(4, len(points)))
@@ -123,12 +129,12 @@ def _splat(at: np.ndarray, depth: np.ndarray, colors: np.ndarray, pixels: int, r
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = np.stack([x, y], axis=-1)[x**2 + y**2 <= radius**2]   # (d, 2)
     far_first = np.argsort(-depth, kind="stable")
-    covered = np.round(at[far_first]).astype(np.int64)[:, None] + disc   # (n, d, 2); later ones overwrite
-    column, row = np.clip(covered, 0, pixels - 1).reshape(-1, 2).T
-    canvas = np.zeros((pixels, pixels, 4), np.uint8)
+    covered = np.round(at[far_first]).astype(np.int32)[:, None] + disc.astype(np.int32)   # (n, d, 2)
+    covered = np.clip(covered, 0, pixels - 1)
+    owner = np.full(pixels * pixels, -1, np.int32)
+    owner[covered[..., 1] * pixels + covered[..., 0]] = np.arange(len(at), dtype=np.int32)[:, None]   # later ones overwrite
     rgba = np.concatenate([colors[far_first], np.full((len(at), 1), 255)], axis=1).astype(np.uint8)
-    canvas[row, column] = np.repeat(rgba, len(disc), axis=0)
-    return canvas
+    return np.concatenate([rgba, np.zeros((1, 4), np.uint8)])[owner].reshape(pixels, pixels, 4)
 
 
 def _marked(canvas: np.ndarray, keypoints: list[Mark], eye: np.ndarray, scale: float, offset: np.ndarray) -> np.ndarray:
