@@ -195,7 +195,7 @@ def test_a_shape_plots_in_one_line(run: Run) -> None:
     gathered = Gathering(run)
     name = next(s.name for s in run.shapes if s.category == "box" and gathered.entry(s).attempts)
     figure = plot_shape(run, name)
-    assert {"candidates", "annotated"} <= {trace.name for trace in figure.data} and any("predicted" in (t.name or "") for t in figure.data)
+    assert {"shape", "annotated"} <= {trace.name for trace in figure.data} and any("predicted" in (t.name or "") for t in figure.data)
     assert figure.to_json()
     with pytest.raises(KeyError, match="did you mean 'box/b0'"):
         plot_shape(run, "b0")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from schemas.scores import ClassScores, ScoreTable
+from schemas.shape import NormalizedShape
 from stages.report.palette import class_color, id_color, rgb
 from stages.report.paper import QUOTED, SOURCE
 
@@ -76,15 +77,12 @@ def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
     if entry.normalized is None:
         raise ValueError(f"{shape}: expected a normalized shape, got none; run {run.name} first")
     normalized, attempt = entry.normalized, entry.attempt(draw)
-    colors: Any = "#8d96a5"
+    colors = np.tile(np.array([[141, 150, 165]], np.uint8), (len(normalized.points), 1))
     if entry.features is not None:
         basis = fit_basis([entry.features.features])
-        colors = [f"rgb({r},{g},{b})" for r, g, b in basis.colors(basis.project(entry.features.features))]
+        colors = basis.colors(basis.project(entry.features.features))
     figure = go.Figure()
-    if normalized.kind == "mesh":
-        corners = dict(zip("ijk", normalized.faces.T, strict=True))
-        figure.add_mesh3d(**_xyz(normalized.vertices), **corners, color="#aab1bb", flatshading=True, hoverinfo="skip")
-    figure.add_scatter3d(**_xyz(normalized.points), mode="markers", marker={"size": 3, "color": colors}, name="candidates")
+    _add_shape(figure, normalized, colors)
     truth = {} if entry.keypoints is None else dict(zip(entry.keypoints.ids.tolist(), entry.true_positions(), strict=True))
     _add_keypoints(figure, truth, "annotated", {"symbol": "circle-open", "size": 11, "color": "#111827", "line": {"width": 3}})
     if attempt is not None:
@@ -97,9 +95,25 @@ def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
             ends = np.stack([at for pair in pairs for at in (*pair, gap)])
             figure.add_scatter3d(**_xyz(ends), mode="lines", line={"color": "#dc2626", "width": 5}, name="error")
     hidden = {"visible": False}
-    scene = {"aspectmode": "data", "camera": CAMERA, "dragmode": "turntable", "xaxis": hidden, "yaxis": hidden, "zaxis": hidden}
+    scene = {"aspectmode": "data", "camera": CAMERA, "dragmode": "orbit", "xaxis": hidden, "yaxis": hidden, "zaxis": hidden}
     figure.update_layout(title={"text": shape}, scene=scene, margin={"l": 0, "r": 0, "t": 40, "b": 0}, template="none")
     return figure
+
+
+def _add_shape(figure: go.Figure, shape: NormalizedShape, colors: np.ndarray) -> None:
+    """The surface, or a cloud's points, coloured by the nearest candidates' colours (n, 3) uint8."""
+    from scipy.spatial import cKDTree
+
+    from stages.report.surface import surface_of
+
+    words = np.array([f"rgb({red},{green},{blue})" for red, green, blue in colors])
+    surface = surface_of(shape)
+    if surface is None:
+        figure.add_scatter3d(**_xyz(shape.points), mode="markers", marker={"size": 3, "color": words}, name="shape")
+        return
+    _, near = cKDTree(shape.points).query(surface.vertices)
+    corners = dict(zip("ijk", surface.faces.T, strict=True))
+    figure.add_mesh3d(**_xyz(surface.vertices), **corners, vertexcolor=words[near], flatshading=True, hoverinfo="skip", name="shape")
 
 
 def _add_curve(figure: go.Figure, name: str, scores: ClassScores, color: str, wide: bool) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from schemas.shape import NormalizedShape
 from stages.report.packing import pack
 
-FACES = 30_000   # a page draws this many without delay; they take some 200 kB
+FACES = 20_000   # a page draws this many without delay; they take some 200 kB
 EDGE = 0.03      # unit frame; longer edges are divided, so that colours at vertices follow candidates, which lie 0.015 apart
 NEIGHBORS = 12
 

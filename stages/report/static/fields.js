@@ -26,12 +26,15 @@
     return { colors, values, low, high, label, map };
   }
 
-  const plain = (shape) => ({ colors: Array.from(shape.shade, (s) => css(0.72 * s, 0.75 * s, 0.8 * s)), values: null });
+  // Points of a cloud are shaded here, a surface by its lights.
+  const shading = (shape, i) => (shape.surface ? 1 : shape.shade[i] / 255);
+
+  const plain = (shape) => ({ colors: Array.from({ length: shape.n }, (_, i) => css(...[184, 191, 204].map((c) => c * shading(shape, i)))), values: null });
 
   function pca(shape) {
     if (!shape.colors) return null;
     const colors = Array.from({ length: shape.n }, (_, i) => {
-      const s = 0.6 + (0.4 * shape.shade[i]) / 255;
+      const s = 0.6 + 0.4 * shading(shape, i);
       return css(shape.colors[3 * i] * s, shape.colors[3 * i + 1] * s, shape.colors[3 * i + 2] * s);
     });
     return { colors, values: null, label: "first three principal components of the class's features, as red, green and blue" };

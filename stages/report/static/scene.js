@@ -121,7 +121,7 @@
     traces() {
       const { shape } = this, { surface } = shape, ink = b23d.theme.color("--text");
       const empty = { type: "scatter3d", x: [], y: [], z: [], showlegend: false };
-      const light = { lighting: { ambient: 0.6, diffuse: 0.55, specular: 0.05, roughness: 0.9 }, lightposition: { x: 2000, y: 5000, z: 9000 } };
+      const light = { lighting: { ambient: 0.72, diffuse: 0.5, specular: 0.05, roughness: 0.9 }, lightposition: { x: 2000, y: 5000, z: 9000 } };
       const ball = { type: "mesh3d", x: [], y: [], z: [], i: [], j: [], k: [], hoverinfo: "text", ...light };
       return [
         surface
