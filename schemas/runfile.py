@@ -63,5 +63,9 @@ class RunFile(Params):
     """Stages wanted for every shape; what they need comes along."""
     sweep: dict[str, list[Any]] = {}
     """For `b23d sweep`: dotted field → the values it takes in turn."""
+    variants: dict[str, dict[str, Any]] = {}
+    """For `b23d sweep` and `b23d analyse`: name of a variant → the dotted fields it sets, run in turn."""
+    analysis: dict[str, Any] = {}
+    """For `b23d analyse`: `kind` and that analysis's own fields."""
     store: StoreOptions = StoreOptions()
     execution: Execution = Execution()

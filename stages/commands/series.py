@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
+from pipeline.config import Config
 from pipeline.run import Run
 
 if TYPE_CHECKING:
@@ -22,6 +24,24 @@ class Member:
 
     label: str
     overrides: tuple[str, ...]
+    series: str = ""
+    """What its table is called: the swept field, or "variants"."""
+
+
+def members(config: Config) -> list[Member]:
+    """The runs that a run file's `[sweep]` and `[variants]` ask for, in the file's order, over the config's own overrides.
+
+    They keep apart from the run itself by their name, `<name>.sweep`; addresses do not know it.
+    """
+    name = f"name={config.file.name}.sweep"
+    found = []
+    for field, values in config.file.sweep.items():
+        for value in map(json.dumps, values):
+            found.append(Member(f"{field} = {value}", (*config.overrides, f"{field}={value}", name), field))
+    for variant, fields in config.file.variants.items():
+        sets = (f"{field}={json.dumps(value)}" for field, value in fields.items())
+        found.append(Member(variant, (*config.overrides, *sets, name), "variants"))
+    return found
 
 
 def run_series(
