@@ -1,8 +1,8 @@
 """Shapes as they come (Source), as we use them (NormalizedShape), and their human annotations (Keypoints, Parts).
 
 Frames: *source frame* is the file's own, in the data set's units. *Unit frame* is the source frame moved and scaled so
-that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (source - center) / scale`.
-Up is +y in both.
+that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (source - center) / scale`, the
+source turned about the up axis first if so asked. Up is +y in both.
 """
 
 from __future__ import annotations
@@ -47,8 +47,24 @@ class NormalizedShape(Artifact):
     candidates: Literal["cloud", "fps"]
     center: tuple[float, float, float]
     scale: float
+    turn: float = 0.0
+    """Degrees by which the source was turned about +y (from +z towards +x) before it was centred and scaled."""
     repairs: dict[str, int]
     """How many of each were handled: unreferenced_vertices, degenerate_faces, duplicate_faces, non_finite_vertices, …"""
+
+    def to_unit(self, positions: np.ndarray) -> np.ndarray:
+        """Source frame (…, 3) → unit frame, float64."""
+        return (positions @ turned(self.turn).T - np.asarray(self.center)) / self.scale
+
+    def to_source(self, positions: np.ndarray) -> np.ndarray:
+        """Unit frame (…, 3) → source frame, float64."""
+        return (positions * self.scale + np.asarray(self.center)) @ turned(self.turn)
+
+
+def turned(degrees: float) -> np.ndarray:
+    """(3, 3) float64: rotation about +y, from +z towards +x; exactly the identity at 0."""
+    sin, cos = np.sin(np.deg2rad(degrees)), np.cos(np.deg2rad(degrees))
+    return np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
 
 
 class Keypoints(Artifact):

@@ -72,7 +72,7 @@ def import_predictions(
     from stages.external_formats.predictions import READERS, choose
 
     name = external_predictions.shape
-    read = READERS[params.format](external_predictions, normalize.points * normalize.scale + normalize.center, params)
+    read = READERS[params.format](external_predictions, normalize.to_source(normalize.points), params)
     least, radius = params.min_score, params.nms_radius
     if params.format == "ukpgan":
         least, radius = 0.5 if least is None else least, 0.1 if radius is None else radius
@@ -129,7 +129,7 @@ def import_features(normalize: NormalizedShape, external_features: External, par
 
 
 def _unit(points: np.ndarray, shape: NormalizedShape, frame: str) -> np.ndarray:
-    return points.astype(np.float64) if frame == "unit" else (points - np.asarray(shape.center)) / shape.scale
+    return points.astype(np.float64) if frame == "unit" else shape.to_unit(points)
 
 
 def _nearest(name: str, points: np.ndarray, shape: NormalizedShape, frame: str) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -9,7 +11,7 @@ from pydantic import Field
 
 from pipeline.stage import Hints, stage
 from schemas.params import Params
-from schemas.shape import NormalizedShape, Source
+from schemas.shape import NormalizedShape, Source, turned
 
 if TYPE_CHECKING:
     from stages.geometry.surface import Cloud, Surface
@@ -33,6 +35,9 @@ class NormalizeParams(Params):
     """Of the random surface points that farthest-point sampling chooses from."""
     max_nonfinite: float = Field(0.01, ge=0, le=1)
     """Fraction of vertices or points that may be NaN or infinite and are repaired; above it the shape is an error."""
+    turn: float | Literal["random"] = 0.0
+    """Degrees by which the source is turned about the up axis (from +z towards +x) before anything else, its annotations with it;
+    "random": another angle for every shape, from `seed`. To measure what a method owes to a common orientation."""
     colors: bool = True
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
 
@@ -60,15 +65,29 @@ def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
     mesh = load(source.shape, source.files, source.mesh, params.colors) if source.mesh is not None else None
     if isinstance(mesh, Cloud):  # a mesh format that holds points only
         mesh, cloud = None, cloud or mesh
+    turn = _turn(source.shape, params)
     if cloud is not None:
         cloud = _finite(source.shape, cloud, params)
+        cloud = replace(cloud, points=_turned(cloud.points, turn))
     if mesh is not None:
-        return _mesh(source.shape, mesh, cloud, params)
+        return _mesh(source.shape, replace(mesh, vertices=_turned(mesh.vertices, turn)), cloud, params, turn)
     assert cloud is not None
-    return _cloud(source.shape, cloud, params)
+    return _cloud(source.shape, cloud, params, turn)
 
 
-def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams) -> NormalizedShape:
+def _turn(shape: str, params: NormalizeParams) -> float:
+    if params.turn != "random":
+        return params.turn
+    digest = hashlib.sha256(f"{params.seed} {shape}".encode()).digest()
+    return 360.0 * int.from_bytes(digest[:4], "big") / 2**32
+
+
+def _turned(positions: np.ndarray, turn: float) -> np.ndarray:
+    with np.errstate(invalid="ignore", over="ignore"):  # vertices that no face uses may be anywhere
+        return positions @ turned(turn).T if turn else positions
+
+
+def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams, turn: float) -> NormalizedShape:
     from stages.geometry.cleaning import clean
     from stages.geometry.nearest import nearest_on_faces
     from stages.geometry.sampling import DENSITY, farthest_points, surface_samples
@@ -103,11 +122,12 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         candidates=kind,
         center=_triple(result.frame.center),
         scale=result.frame.scale,
+        turn=turn,
         repairs={**result.repairs, **({"non_finite_points": cloud.repaired} if cloud is not None else {}), **surface.problems},
     )
 
 
-def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape:
+def _cloud(shape: str, cloud: Cloud, params: NormalizeParams, turn: float) -> NormalizedShape:
     from stages.geometry.cleaning import Frame, check_frame
     from stages.geometry.sampling import farthest_points
 
@@ -126,6 +146,7 @@ def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape
         candidates=kind,
         center=_triple(frame.center),
         scale=frame.scale,
+        turn=turn,
         repairs={"non_finite_points": cloud.repaired},
     )
 

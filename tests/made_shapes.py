@@ -27,8 +27,8 @@ def of_mesh(vertices: Any, faces: Any, cloud: Any = None, **params: Any) -> Norm
     return normalize(source, NormalizeParams(**{"count": 128, **params}))
 
 
-def of_cloud(points: Any, **params: Any) -> NormalizedShape:
-    return normalize(Source(shape="chair/one", files={"c.xyz": xyz(points)}, cloud="c.xyz"), NormalizeParams(**{"count": 128, **params}))
+def of_cloud(points: Any, shape: str = "chair/one", **params: Any) -> NormalizedShape:
+    return normalize(Source(shape=shape, files={"c.xyz": xyz(points)}, cloud="c.xyz"), NormalizeParams(**{"count": 128, **params}))
 
 
 def on_surface(shape: NormalizedShape) -> np.ndarray:

@@ -71,7 +71,7 @@ class Pickable:
 
     def unit(self, xyz: np.ndarray) -> np.ndarray:
         """Source frame (n, 3) → unit frame, float64."""
-        return np.asarray((xyz - np.asarray(self.drawn.center)) / self.drawn.scale)
+        return self.drawn.to_unit(xyz)
 
     def hit(self, origin: list[float], direction: list[float]) -> Hit | None:
         """The first place that a ray (unit frame) meets, from either side of a face; None where it meets nothing."""

@@ -36,7 +36,7 @@ def keypoint_candidates(keypoints: Keypoints, shape: NormalizedShape, name: str 
         return keypoints.point_indices.astype(np.int64)
     from scipy.spatial import cKDTree
 
-    unit = (keypoints.positions - np.asarray(shape.center)) / shape.scale
+    unit = shape.to_unit(keypoints.positions)
     _, nearest = cKDTree(shape.points.astype(np.float64)).query(unit)
     nearest = np.asarray(nearest, np.int64).reshape(-1)
     if shape.candidates == "cloud":

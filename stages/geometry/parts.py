@@ -31,17 +31,13 @@ def part_names(annotated: Mapping[str, Parts]) -> list[str]:
 def candidate_labels(parts: Parts, shape: NormalizedShape, name: str = "the shape") -> npt.NDArray[np.int32]:
     """The label of each candidate, (n,) int32: that of the annotated point nearest to it. Raises ValueError where there is none."""
     _check(parts, name)
-    return parts.labels[_nearest(_unit(parts, shape), shape.points.astype(np.float64))]
+    return parts.labels[_nearest(shape.to_unit(parts.points), shape.points.astype(np.float64))]
 
 
 def at_annotated(labels: np.ndarray, parts: Parts, shape: NormalizedShape, name: str = "the shape") -> npt.NDArray[np.int32]:
     """Candidates' labels (n,) at the annotated points, (p,) int32: each takes the nearest candidate's. Raises as `candidate_labels`."""
     _check(parts, name)
-    return labels[_nearest(shape.points.astype(np.float64), _unit(parts, shape))].astype(np.int32)
-
-
-def _unit(parts: Parts, shape: NormalizedShape) -> np.ndarray:
-    return (parts.points - np.asarray(shape.center)) / shape.scale
+    return labels[_nearest(shape.points.astype(np.float64), shape.to_unit(parts.points))].astype(np.int32)
 
 
 def _nearest(of: np.ndarray, to: np.ndarray) -> np.ndarray:

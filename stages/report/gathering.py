@@ -53,7 +53,7 @@ class Entry:
         """(k, 3) float32 annotated keypoints in the unit frame; none without annotation."""
         if self.keypoints is None or self.normalized is None:
             return np.zeros((0, 3), np.float32)
-        return ((self.keypoints.positions - np.asarray(self.normalized.center)) / self.normalized.scale).astype(np.float32)
+        return self.normalized.to_unit(self.keypoints.positions).astype(np.float32)
 
     def attempt(self, draw: int | None = None) -> Attempt | None:
         """The attempt of a draw; of the first draw that has one, if none is named."""

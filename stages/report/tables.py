@@ -52,7 +52,7 @@ def _keypoints(entry: Entry, attempt: Attempt) -> Iterator[dict[str, Any]]:
     shape = entry.normalized
     for place, number in enumerate(found.ids.tolist()):
         at = found.positions[place]
-        own = at * shape.scale + np.asarray(shape.center) if shape is not None else nowhere
+        own = shape.to_source(at) if shape is not None else nowhere
         true = truth.get(number, nowhere)
         present = bool(found.present[place])
         yield {

@@ -36,7 +36,7 @@ def keypoint_distances(
     points = shape.points.astype(np.float64)
     at = keypoint_candidates(keypoints, shape)
     if shape.candidates != "cloud" or (keypoints.point_indices < 0).any():
-        own = (keypoints.positions - np.asarray(shape.center)) / shape.scale
+        own = shape.to_unit(keypoints.positions)
         apart = np.linalg.norm(own - points[at], axis=1) > SAME
         apart &= (keypoints.point_indices < 0) | (shape.candidates != "cloud")
         nodes, which = np.unique(own[apart], axis=0, return_inverse=True)  # keypoints at one place are one node
