@@ -60,6 +60,9 @@ class OptimizeParams(Params):
     """Let "discrete" start from the softmax's result, too, which it is then never worse than. As slow as "softmax"."""
     one_to_one: bool = False
     """No candidate for two keypoints ("discrete" and "softmax"; "hungarian" never gives one twice)."""
+    assignment: Literal["labelled", "sorted"] = "labelled"
+    """"hungarian" only: "labelled" gives each id the candidate assigned to it; "sorted" gives the ids the same candidates in the order
+    of their indices, as the published code does, whose labels are lost by that."""
     retrieval: bool = False
     """Use only the shot whose class token is nearest to the target's by cosine (mean feature, where an encoder has no class token)."""
     presence: Literal["all", "majority", "evidence"] = "evidence"
@@ -169,7 +172,7 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
     if params.method == "nearest":
         return nearest(problem)
     if params.method == "hungarian":
-        return hungarian(problem)
+        return hungarian(problem, params.assignment)
     if params.method in ("discrete", "posterior") and not params.softmax_start:
         return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one)
 

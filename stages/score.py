@@ -22,6 +22,10 @@ class ScoreParams(Params):
     """Distances at which to count, in `units`."""
     inside: Literal["<=", "<"] = "<="
     """Whether a distance equal to the threshold is within it. The paper's text says "smaller than", but then nothing is right at 0."""
+    iou: Literal["many-to-one", "one-to-one"] = "many-to-one"
+    """What true and false positives and false negatives count, names aside. "many-to-one": keypoints near any prediction, and
+    predictions near no keypoint, so that one prediction may account for several keypoints (KeypointNet, UKPGAN, the published code).
+    "one-to-one": pairs of the largest matching. Sums over a class give its IoU; the mean over classes is of these."""
     units: Literal["dataset", "unit"] = "dataset"
     """"dataset": distances of the shape as it is in the data set. "unit": of the shape with its longest side 1."""
     neighbors: int = Field(default=20, ge=1)
@@ -37,7 +41,7 @@ def score(
     Only predictions judged present count. Raises ValueError where a predicted or annotated point lies beyond the candidates.
     """
     from stages.scoring.distances import keypoint_distances
-    from stages.scoring.iou import count, within
+    from stages.scoring.iou import count, count_pairs, within
     from stages.scoring.matching import labelled, matched, symmetric
     from stages.scoring.symmetry import exchanges
 
@@ -46,14 +50,15 @@ def score(
     thresholds = np.asarray(params.thresholds, np.float64)
     distances = keypoint_distances(normalize, points, keypoints, params.neighbors, params.units)
     hits = within(distances, thresholds, params.inside)
-    counts = count(hits)
+    pairs = matched(hits)
+    counts = count(hits) if params.iou == "many-to-one" else count_pairs(pairs, len(points), len(annotated))
     seen = np.unique(np.concatenate([np.zeros(0, np.int32), *(shot.ids for shot in shot_keypoints)]))
     return ShapeScore(
         thresholds=thresholds,
         true_positives=counts.true_positives,
         false_positives=counts.false_positives,
         false_negatives=counts.false_negatives,
-        matched=matched(hits),
+        matched=pairs,
         labelled=labelled(hits, ids, annotated),
         symmetric=symmetric(hits, ids, exchanges(keypoints)),
         annotated=len(annotated),
@@ -69,4 +74,5 @@ def score(
 def protocol(params: ScoreParams, candidates: str) -> str:
     """How these counts were made, in one line."""
     units = "data set's units" if params.units == "dataset" else "longest side 1"
-    return f"{params.inside} threshold along the {params.neighbors}-NN graph, {units}, candidates {candidates}"
+    pairs = "" if params.iou == "many-to-one" else "one-to-one, "
+    return f"{pairs}{params.inside} threshold along the {params.neighbors}-NN graph, {units}, candidates {candidates}"

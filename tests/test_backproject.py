@@ -238,15 +238,6 @@ def test_by_face_sees_whole_faces_their_ring_and_always_the_last() -> None:
     np.testing.assert_array_equal(np.flatnonzero(visible[1]), [0, 1, 2, 3, 4, 17, 18, 19])
 
 
-def test_by_face_sees_more_than_by_point() -> None:
-    mesh = sampled(trimesh.creation.icosphere(subdivisions=2, radius=0.5))
-    views = render(mesh, RenderParams(rings=2))
-    point, face = (backproject(mesh, views, noise(views), BackprojectParams(visibility=v)).counts for v in ("point", "face"))
-    assert (face >= point).all()
-    last = mesh.point_faces == len(mesh.faces) - 1
-    assert (face[last] == len(views.depth)).all()
-
-
 def test_by_face_on_a_cloud_means_its_discs() -> None:
     points = trimesh.creation.icosphere(subdivisions=3, radius=0.5).vertices
     cloud = shape(points, np.zeros((0, 3)), points[::3])

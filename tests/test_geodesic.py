@@ -110,17 +110,6 @@ def test_euclidean_is_the_straight_line() -> None:
     np.testing.assert_allclose(solve(shape(points), method="euclidean"), cdist(points, points), rtol=HALF_PRECISION, atol=1e-6)
 
 
-def test_a_thin_plate_is_crossed_only_by_what_keeps_short_cuts() -> None:
-    """Top to bottom at the plate's middle is a whole unit along the surface, and .01 straight through."""
-    thin = plate()
-    top, bottom = (thin.points[:, 1] > 0.004), (thin.points[:, 1] < -0.004)
-    middle = (np.abs(thin.points[:, [0, 2]]) < 0.1).all(axis=1)
-    across = np.ix_(top & middle, bottom & middle)
-    assert solve(thin)[across].max() < 0.4
-    assert solve(thin, shortcuts="cut")[across].min() > 0.75
-    assert solve(thin, method="heat")[across].min() > 0.75
-
-
 def test_cutting_leaves_what_has_no_other_way() -> None:
     """Two parallel sheets without a rim stay connected; so does a patch whose winding is flipped."""
     sheet = np.random.default_rng(0).random((200, 2))

@@ -96,14 +96,6 @@ def test_geodesic_is_not_the_straight_line() -> None:
     assert keypoint_distances(shape, np.array([399]), truth)[0, 0] == pytest.approx(np.pi / 2 * SCALE, rel=0.01)
 
 
-def test_within_includes_the_threshold_unless_told() -> None:
-    truth, prediction = annotated([0], [0]), predicted([0], [0])
-    assert scored(prediction, truth, inside="<=").true_positives[0] == 1
-    strict = scored(prediction, truth, inside="<").true_positives
-    assert strict[0] == 0
-    assert (strict[1:] == 1).all()
-
-
 def test_counts_by_hand() -> None:
     # prediction 0 meets keypoints 0 and 1, prediction 1 meets none, keypoint 2 is met by none
     hits = within(np.array([[0.01, 0.02, 0.5], [0.5, 0.5, 0.06]]), np.array([0.05, 0.06]), "<=")

@@ -37,3 +37,8 @@ def count(hits: np.ndarray) -> Counts:
         (~hits.any(2)).sum(1).astype(np.int32),
         (hits.shape[2] - found).astype(np.int32),
     )
+
+
+def count_pairs(pairs: np.ndarray, predicted: int, annotated: int) -> Counts:
+    """Counts where each prediction accounts for one keypoint at most; pairs (t,) sizes of the largest matchings."""
+    return Counts(pairs.astype(np.int32), (predicted - pairs).astype(np.int32), (annotated - pairs).astype(np.int32))

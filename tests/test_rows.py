@@ -1,0 +1,68 @@
+"""The table of differences between the paper, its published code and what is right: which fields each row is, and who sets them.
+
+What a row's fields do is shown in `test_rows_features.py` and `test_rows_choice.py`: one test a row, on a case made to show it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from pipeline.config import load_config
+from pipeline.stage import load_stages
+from schemas.runfile import Shots
+from tests import test_rows_choice, test_rows_features
+
+RUNS = Path(__file__).parents[1] / "runs"
+ROWS: dict[int, tuple[str, ...]] = {
+    1: ("stages.optimize.combine",),
+    2: ("stages.reweight.batches", "stages.reweight.normalised"),
+    3: ("stages.reweight.weight",),
+    4: ("stages.backproject.visibility",),
+    5: ("stages.reweight.fill",),
+    6: ("stages.reweight.sigma",),
+    7: ("stages.optimize.source_features",),
+    8: ("stages.geodesic.method", "stages.geodesic.neighbors", "stages.geodesic.shortcuts", "stages.geodesic.disconnected"),
+    9: ("stages.score.units", "stages.optimize.distances"),
+    10: ("stages.optimize.mask",),
+    11: ("stages.optimize.method", "stages.optimize.steps", "stages.optimize.learning_rate", "stages.optimize.seed"),
+    12: ("stages.normalize.candidates",),
+    13: ("stages.score.inside",),
+    14: ("stages.score.iou",),
+    15: ("shots.split",),
+    16: ("shots.draws",),
+    17: ("stages.optimize.assignment",),
+    18: ("stages.extract.encoder",),
+    19: ("stages.backproject.sample",),
+    20: ("stages.render.distance",),
+    21: ("stages.render.layout", "stages.render.rings"),
+    22: ("stages.optimize.presence",),
+}
+
+
+def test_every_row_is_documented_fields_and_has_its_test() -> None:
+    stages, tests = load_stages(), [*vars(test_rows_features), *vars(test_rows_choice)]
+    for row, fields in ROWS.items():
+        assert any(name.startswith(f"test_row_{row:02}_") for name in tests), f"row {row} has no test"
+        for dotted in fields:
+            table, *between, key = dotted.split(".")
+            model: type[BaseModel] = Shots if table == "shots" else stages[between[0]].params
+            assert key in model.model_fields and model.model_fields[key].description, f"row {row}: {dotted} is no documented field"
+
+
+@pytest.mark.parametrize("name", ["released", "paper", "corrected"])
+def test_the_three_run_files_set_every_row(name: str) -> None:
+    config = load_config(RUNS / f"{name}.toml")
+    for row, fields in ROWS.items():
+        for dotted in fields:
+            table, *between, key = dotted.split(".")
+            params = config.file.shots if table == "shots" else config.params[between[0]]
+            assert key in params.model_fields_set, f"{name}.toml, row {row}: {dotted} is not set"
+
+
+def test_corrected_is_the_defaults_but_for_the_encoder() -> None:
+    for name, params in load_config(RUNS / "corrected.toml").params.items():
+        other = type(params)().hashed()
+        assert {key for key, value in params.hashed().items() if value != other[key]} <= {"encoder"}, name
