@@ -102,10 +102,11 @@ def plan(
 @app.command()
 def show(
     run: RunPath, shape: str, stage: str, set: Set = [], store: StoreUrl = None, draw: Draw = None,  # noqa: B006
-    export: Annotated[Path | None, typer.Option(help="Write it: .npz, .ply, .glb, .png (what the artifact allows).")] = None,
+    export: Annotated[Path | None, typer.Option(help="Write it: .npz, .ply, .glb, .png, .parquet (what the artifact allows).")] = None,
+    picture: Annotated[bool | None, typer.Option("--picture/--no-picture", show_default=False, help="Default: in a terminal.")] = None,
 ) -> None:
-    """What an artifact holds: arrays, ranges, provenance."""
-    from pipeline.inspection import artifact_tables, export_artifact
+    """What an artifact holds: a picture, arrays, ranges, provenance."""
+    from pipeline.inspection import artifact_tables, export_artifact, thumbnail
     from pipeline.run import Run
 
     loaded = Run.load(run, set, store)
@@ -115,6 +116,8 @@ def show(
     else:
         for part in artifact_tables(loaded, shape, stage, draw):
             console.print(part)
+        if console.is_terminal if picture is None else picture:
+            console.print(thumbnail(loaded, shape, stage, draw, console.width) or "")
 
 
 @app.command()

@@ -42,6 +42,13 @@ def artifact_tables(run: Run, shape: str, stage: str, draw: int | None = None) -
     return [arrays, values, provenance]
 
 
+def thumbnail(run: Run, shape: str, stage: str, draw: int | None, width: int) -> RenderableType | None:
+    """A picture of an artifact for a terminal `width` characters wide, by the first plugged-in painter that knows its kind."""
+    artifact = run.artifact(shape, stage, draw)
+    painted = (plugin.load()(run, shape, artifact, width) for plugin in entry_points(group="b23d.thumbnails"))
+    return next((picture for picture in painted if picture is not None), None)
+
+
 def value_range(array: np.ndarray) -> str:
     """Least, greatest, and how much is not finite, in a few characters."""
     if array.size == 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import pandas as pd
 import pytest
 import trimesh
 from PIL import Image
+from rich.console import Console, RenderableType
 
 from pipeline.inspection import export_artifact
+from pipeline.inspection import thumbnail as show_thumbnail
 from pipeline.run import Run
 from schemas.features import GeodesicDistances, PointFeatures
 from schemas.keypoints import Prediction, ShapeScore
@@ -18,6 +21,8 @@ from schemas.shape import NormalizedShape
 from schemas.views import Views
 from stages.commands.export import contact_sheet, glb, ply, png
 from stages.commands.scores import run_scores
+from stages.commands.thumbnails import SHAPE, TILE, thumbnail, token_colors
+from stages.render import RenderParams, render
 from stages.report.gathering import Gathering
 from stages.report.palette import id_color, rgb
 from tests.report_runs import mixed
@@ -164,3 +169,35 @@ def test_what_has_no_such_form_says_what_to_do(run: Run, tmp_path: Path) -> None
             export_artifact(run, name, "score", None, tmp_path / f"x.{suffix}")
     with pytest.raises(ValueError, match="a prediction or a score"):
         export_artifact(run, name, "normalize", None, tmp_path / "x.parquet")
+
+
+@pytest.mark.parametrize("stage", ["normalize", "reweight", "geodesic", "optimize"])
+def test_a_terminal_shows_thumbnails(run: Run, stage: str) -> None:
+    assert_fits(show_thumbnail(run, target(run, "box"), stage, None, 90), lines=SHAPE // 2)
+
+
+def test_views_are_shown_with_their_depth(run: Run) -> None:
+    views = render(normalized(run, "box/b0"), RenderParams(rings=1, resolution=32))
+    assert_fits(thumbnail(run, "box/b0", views, 90), lines=TILE)
+
+
+def assert_fits(shown: RenderableType | None, lines: int) -> None:
+    """Half blocks in true colour, within 90 characters, two rows of pixels a line."""
+    assert shown is not None
+    console = Console(width=90, force_terminal=True, color_system="truecolor", file=io.StringIO(), record=True)
+    console.print(shown)
+    text, styled = console.export_text(clear=False), console.export_text(styles=True)
+    assert "▄" in text and "38;2;" in styled
+    assert len(text.rstrip("\n").splitlines()) == lines and max(map(len, text.splitlines())) <= 90
+
+
+def test_a_score_has_no_thumbnail(run: Run) -> None:
+    assert show_thumbnail(run, target(run, "box"), "score", None, 90) is None
+
+
+def test_tokens_are_painted_alike_where_they_are_alike() -> None:
+    tokens = np.zeros((2, 4, 4, 8), np.float16)
+    tokens[:, :2, :, 0], tokens[:, 2:, :2, 1] = 1, 1
+    colors = token_colors(tokens)
+    np.testing.assert_array_equal(colors[0], colors[1])
+    assert len(np.unique(colors.reshape(-1, 3), axis=0)) == 3

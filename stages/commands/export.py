@@ -7,6 +7,7 @@
 | GeodesicDistances | candidates coloured by their distance from candidate 0; scalar `distance` | the same | |
 | Prediction | the shape, predicted keypoints as coloured spheres, annotated ones as small black ones | discs, rings | all of the run |
 | Views | | contact sheet | |
+| ViewTokens | | contact sheet in PCA colours | |
 | ShapeScore | | | all of the run |
 """
 
@@ -21,8 +22,9 @@ from schemas.artifact import Artifact
 from schemas.features import GeodesicDistances, PointFeatures
 from schemas.keypoints import Prediction, ShapeScore
 from schemas.shape import NormalizedShape
-from schemas.views import Views
-from stages.report.coloring import class_basis, feature_colors, plasma
+from schemas.views import Views, ViewTokens
+from stages.commands.thumbnails import distance_colors, token_colors
+from stages.report.coloring import class_basis, feature_colors
 from stages.report.gathering import Entry, Gathering
 from stages.report.painting import GREY, Mark, marks
 from stages.report.palette import id_color, rgb
@@ -55,6 +57,9 @@ def png(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, 
     if isinstance(artifact, Views):
         Image.fromarray(contact_sheet(artifact.images)).save(path)
         return
+    if isinstance(artifact, ViewTokens):
+        Image.fromarray(contact_sheet(token_colors(artifact.tokens), Image.Resampling.NEAREST)).save(path)
+        return
     entry = _entry(run, shape)
     base = artifact if isinstance(artifact, NormalizedShape) else entry.normalized
     if base is None or not isinstance(artifact, NormalizedShape | PointFeatures | GeodesicDistances | Prediction):
@@ -75,12 +80,13 @@ def parquet(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifa
         raise ValueError(_refusal("parquet", stage, artifact))
 
 
-def contact_sheet(images: np.ndarray) -> np.ndarray:
-    """Views (view, row, column, 3) uint8, at most 224 pixels each, in lines of eight; (…, …, 3) uint8 on white."""
+def contact_sheet(images: np.ndarray, resampling: int | None = None) -> np.ndarray:
+    """Views (view, row, column, 3) uint8 in lines of eight, 224 pixels each, smaller ones as they are unless a `resampling`
+    (Pillow's) enlarges them; (…, …, 3) uint8 on white."""
     from PIL import Image
 
-    size = min(TILE, images.shape[1])
-    tiles = [np.asarray(Image.fromarray(image).resize((size, size))) for image in images]
+    size = TILE if resampling is not None else min(TILE, images.shape[1])
+    tiles = [np.asarray(Image.fromarray(image).resize((size, size), resampling)) for image in images]
     lines = -(-len(tiles) // ACROSS)
     sheet = np.full((lines * ACROSS, size, size, 3), 255, np.uint8)
     sheet[: len(tiles)] = tiles
@@ -110,11 +116,7 @@ def _parts(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifac
 def _candidate_colors(run: Run, shape: str, stage: str, artifact: Artifact) -> np.ndarray | None:
     if isinstance(artifact, PointFeatures):
         return feature_colors(artifact, class_basis(Gathering(run), shape.rsplit("/", 1)[0], stage))
-    if isinstance(artifact, GeodesicDistances):
-        distances = artifact.distances[0].astype(np.float32)
-        largest = float(distances[np.isfinite(distances)].max(initial=0.0)) or 1.0
-        return plasma(np.where(np.isfinite(distances), distances / largest, 1.0))
-    return None
+    return distance_colors(artifact) if isinstance(artifact, GeodesicDistances) else None
 
 
 def _shape_part(shape: NormalizedShape) -> Part:
@@ -152,6 +154,6 @@ def _grey(count: int) -> np.ndarray:
 
 def _refusal(suffix: str, stage: str, artifact: Artifact) -> str:
     """What each format is for, where another was asked of it."""
-    takes = {"ply": "geometry, features, distances or a prediction", "png": "views, geometry, features, distances or a prediction",
+    takes = {"ply": "geometry, features, distances or a prediction", "png": "views, tokens, geometry, features, distances or a prediction",
              "parquet": "a prediction or a score"}
     return f".{suffix} export: expected {takes.get(suffix, takes['ply'])}, got {type(artifact).__name__} from {stage}; write it as .npz"
