@@ -17,7 +17,6 @@ from stages.posterior.options import PosteriorParams
 if TYPE_CHECKING:
     from stages.posterior.predicting import Found
     from stages.solvers.objective import Problem
-    from stages.solvers.shots import Shot, Template
 
 
 class OptimizeParams(Params):
@@ -99,17 +98,12 @@ def optimize(
     features or distances that do not fit the candidates or are not finite; a keypoint beyond the cloud.
     """
     from stages.solvers.objective import objective, shares
+    from stages.solvers.posing import pose
     from stages.solvers.presence import presence
-    from stages.solvers.retrieval import retrieve
-    from stages.solvers.shots import combine_shots
 
-    used = list(range(len(shot_normalize)))
-    if params.retrieval and len(used) > 1:
-        used = [retrieve(reweight, shot_reweight)]
-    shots = [_shot(i, shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], params) for i in used]
-    template = combine_shots(shots, params.combine, params.mask)
+    template, problem = pose(normalize, reweight, geodesic, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params)
+    used = [int(name) for name in template.shots]
     points = normalize.points
-    problem = _problem(reweight, geodesic, len(points), template, params)
     found = _posterior(normalize, reweight, geodesic, used, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params)
     choice = _solve(problem, params) if found is None else found.points
     costs = shares(problem, choice)
@@ -189,59 +183,3 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
     if params.method == "softmax":
         return relaxed
     return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one, extra=[relaxed])
-
-
-def _problem(reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, params: OptimizeParams) -> Problem:
-    from stages.solvers.objective import Problem
-    from stages.solvers.scaling import largest_distance
-
-    features, distances = _scaled("the target", reweight, geodesic, n, params)
-    if features.shape[1] != template.features.shape[1]:
-        raise ValueError(
-            f"features: expected {template.features.shape[1]} channels as the shots have, got {features.shape[1]} on the target; "
-            "use one encoder for all"
-        )
-    apart = np.isinf(distances)
-    if apart.any():
-        distances[apart] = largest_distance(distances)
-    return Problem(features, distances, template.features, template.distances, template.mask, params.alpha)
-
-
-def _shot(
-    index: int,
-    shape: NormalizedShape,
-    reweight: PointFeatures,
-    geodesic: GeodesicDistances,
-    keypoints: Keypoints,
-    params: OptimizeParams,
-) -> Shot:
-    from stages.geometry.keypoints import keypoint_candidates
-    from stages.solvers.scaling import largest_distance
-    from stages.solvers.shots import Shot, smooth_among
-
-    name = f"shot {index}"
-    features, distances = _scaled(name, reweight, geodesic, len(shape.points), params)
-    if not len(keypoints.ids):
-        return Shot(str(index), keypoints.ids, features[:0], distances[:0, :0])
-    at = keypoint_candidates(keypoints, shape, name)
-    own, between = features[at], distances[np.ix_(at, at)]
-    if params.source_features == "keypoints":
-        own = smooth_among(own, between, params.source_sigma * (largest_distance(distances) or 1.0))
-    return Shot(str(index), keypoints.ids, own, between)
-
-
-def _scaled(
-    name: str, reweight: PointFeatures, geodesic: GeodesicDistances, n: int, params: OptimizeParams
-) -> tuple[np.ndarray, np.ndarray]:
-    """Features (n, channel) and distances (n, n) of one shape, float32, in the objective's scales."""
-    from stages.solvers.scaling import scale_distances, scale_features
-
-    features, distances = reweight.features, geodesic.distances
-    if len(features) != n or len(distances) != n:
-        raise ValueError(
-            f"{name}: expected features and distances of its {n} candidates, "
-            f"got {len(features)} and {len(distances)}; re-run reweight and geodesic"
-        )
-    if not np.isfinite(features).all():
-        raise ValueError(f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor")
-    return scale_features(features, params.features, reweight.observed), scale_distances(distances, params.distances)

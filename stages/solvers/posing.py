@@ -1,0 +1,88 @@
+"""From what the stage is given to the problem that solvers solve: the shots' template, and a target in the same scales."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.features import GeodesicDistances, PointFeatures
+from schemas.shape import Keypoints, NormalizedShape
+from stages.geometry.keypoints import keypoint_candidates
+from stages.solvers.objective import Problem
+from stages.solvers.retrieval import retrieve
+from stages.solvers.scaling import largest_distance, scale_distances, scale_features
+from stages.solvers.shots import Shot, Template, combine_shots, smooth_among
+
+if TYPE_CHECKING:
+    from stages.optimize import OptimizeParams
+
+
+def pose(
+    normalize: NormalizedShape,
+    reweight: PointFeatures,
+    geodesic: GeodesicDistances,
+    shot_normalize: Sequence[NormalizedShape],
+    shot_reweight: Sequence[PointFeatures],
+    shot_geodesic: Sequence[GeodesicDistances],
+    shot_keypoints: Sequence[Keypoints],
+    params: OptimizeParams,
+) -> tuple[Template, Problem]:
+    """What the shots ask for (`template.shots`: the indices of those used), and the target it is asked of.
+
+    Arguments are `optimize`'s. Raises ValueError as it says.
+    """
+    used = list(range(len(shot_normalize)))
+    if params.retrieval and len(used) > 1:
+        used = [retrieve(reweight, shot_reweight)]
+    shots = [_shot(i, shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], params) for i in used]
+    template = combine_shots(shots, params.combine, params.mask)
+    return template, _problem(reweight, geodesic, len(normalize.points), template, params)
+
+
+def _problem(reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, params: OptimizeParams) -> Problem:
+    features, distances = _scaled("the target", reweight, geodesic, n, params)
+    if features.shape[1] != template.features.shape[1]:
+        raise ValueError(
+            f"features: expected {template.features.shape[1]} channels as the shots have, got {features.shape[1]} on the target; "
+            "use one encoder for all"
+        )
+    apart = np.isinf(distances)
+    if apart.any():
+        distances[apart] = largest_distance(distances)
+    return Problem(features, distances, template.features, template.distances, template.mask, params.alpha)
+
+
+def _shot(
+    index: int,
+    shape: NormalizedShape,
+    reweight: PointFeatures,
+    geodesic: GeodesicDistances,
+    keypoints: Keypoints,
+    params: OptimizeParams,
+) -> Shot:
+    name = f"shot {index}"
+    features, distances = _scaled(name, reweight, geodesic, len(shape.points), params)
+    if not len(keypoints.ids):
+        return Shot(str(index), keypoints.ids, features[:0], distances[:0, :0])
+    at = keypoint_candidates(keypoints, shape, name)
+    own, between = features[at], distances[np.ix_(at, at)]
+    if params.source_features == "keypoints":
+        own = smooth_among(own, between, params.source_sigma * (largest_distance(distances) or 1.0))
+    return Shot(str(index), keypoints.ids, own, between)
+
+
+def _scaled(
+    name: str, reweight: PointFeatures, geodesic: GeodesicDistances, n: int, params: OptimizeParams
+) -> tuple[np.ndarray, np.ndarray]:
+    """Features (n, channel) and distances (n, n) of one shape, float32, in the objective's scales."""
+    features, distances = reweight.features, geodesic.distances
+    if len(features) != n or len(distances) != n:
+        raise ValueError(
+            f"{name}: expected features and distances of its {n} candidates, "
+            f"got {len(features)} and {len(distances)}; re-run reweight and geodesic"
+        )
+    if not np.isfinite(features).all():
+        raise ValueError(f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor")
+    return scale_features(features, params.features, reweight.observed), scale_distances(distances, params.distances)
