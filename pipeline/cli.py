@@ -18,6 +18,8 @@ from pipeline.errors import B23dError
 
 app = typer.Typer(name="b23d", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich",
                   help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.")
+SHOWN = 12   # problems that `plan` prints
+
 console = Console()
 if not console.is_terminal:
     console = Console(width=120)   # into a file or a pipe, tables keep their columns
@@ -82,9 +84,10 @@ def plan(
     from pipeline.run import Run
 
     loaded = Run.load(run, set, store)
-    stages = project(loaded, limit)
+    planned = loaded.plan(limit)
+    stages = project(loaded, planned)
     if as_json:
-        print(json.dumps({"stages": stages}, indent=1))
+        print(json.dumps({"stages": stages, "problems": [problem.error for problem in planned.problems]}, indent=1))
     else:
         table = Table(title=f"plan of {loaded.name}", title_justify="left")
         for column in ("stage", "RUN", "CACHED", "BLOCKED", "MB", "CPU s"):
@@ -95,6 +98,10 @@ def plan(
             table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
         console.print(table)
         console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
+        for problem in planned.problems[:SHOWN]:
+            console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
+        if len(planned.problems) > SHOWN:
+            console.print(f"… and {len(planned.problems) - SHOWN} more problems", highlight=False)
     if exit_code and any(row["run"] or row["blocked"] for row in stages.values()):
         raise typer.Exit(1)
 

@@ -137,6 +137,7 @@ class _Planner:
         self.nodes: dict[tuple[str, str], Node] = {}
         self.by_shape: dict[tuple[str, str, int | None], Node] = {}
         self.leaves: dict[tuple[str, str], LeafNode] = {}
+        self.of_shots: dict[tuple[str, str, int], list[Node | LeafNode] | None] = {}
         self.sources = {s: {i.name: feeding(config.file, i.upstream) for i in stage.inputs} for s, stage in config.stages.items()}
         self.sees_shots: dict[str, bool] = {}
         self.makers: dict[str, StageAddress] = {}
@@ -200,8 +201,11 @@ class _Planner:
             return self._upstream(source, shape, draw)
         if draw is None:
             return None
-        found = [self._upstream(source, shot, None) for shot in draw.shots]
-        return None if any(value is None for value in found) else [value for value in found if value is not None]
+        key = (source, draw.category, draw.seed)
+        if key not in self.of_shots:   # the same for thousands of targets
+            found = [self._upstream(source, shot, None) for shot in draw.shots]
+            self.of_shots[key] = None if any(value is None for value in found) else [value for value in found if value is not None]
+        return self.of_shots[key]
 
     def _upstream(self, source: str, shape: Shape, draw: Draw | None) -> Node | LeafNode | None:
         if source in self.config.stages:

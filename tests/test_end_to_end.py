@@ -64,6 +64,12 @@ def test_alpha_re_runs_optimize_and_score_only_and_sigma_from_the_smoothing_on(s
     assert to_run("stages.render.rings=2") == {"render", "extract", "backproject", "reweight", "optimize", "score"}
 
 
+def test_plan_says_why_a_class_has_no_draw(small: Path) -> None:
+    words = "class chair: expected 5 annotated shapes as shots, got 3; annotate more, or lower shots.count"
+    assert words in b23d("plan", str(small), "--set", "shots.count=5")
+    assert any(words in problem for problem in json.loads(b23d("plan", str(small), "--json", "--set", "shots.count=5"))["problems"])
+
+
 def test_scores_json_has_the_documented_keys(small: Path) -> None:
     scores = json.loads(b23d("scores", str(small), "--json"))
     assert scores["run"] == "small" and set(scores["classes"]) == {"chair", "mug"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 CHANNELS = 32
-POINTS = 512    # of each shape, to fit the basis
+POINTS = 512    # of each shape, to fit the basis, unless asked for others
 LOW, HIGH = 2.0, 98.0   # percentiles that colours run between
 
 
@@ -37,12 +37,12 @@ class Basis:
         return np.round(np.clip((first - self.low) / (self.high - self.low), 0, 1) * 255).astype(np.uint8)
 
 
-def fit_basis(shapes: Iterable[np.ndarray]) -> Basis:
-    """The basis of shapes' features, each (n, channel); 512 evenly taken rows of each count.
+def fit_basis(shapes: Iterable[np.ndarray], points: int = POINTS) -> Basis:
+    """The basis of shapes' features, each (n, channel); about `points` evenly taken rows of each count.
 
     Raises ValueError where there are none, or where their channels differ.
     """
-    sampled = [features[:: max(1, len(features) // POINTS)].astype(np.float64) for features in shapes]
+    sampled = [features[:: max(1, len(features) // points)].astype(np.float64) for features in shapes]
     if not sampled or len({features.shape[1] for features in sampled}) > 1:
         got = sorted({features.shape[1] for features in sampled}) or "none"
         raise ValueError(f"features: expected shapes of one class with equal channels, got {got}; use one encoder for all")
