@@ -61,10 +61,7 @@ def view_picture(views: Views, size: int) -> np.ndarray:
     """(size, size, 4) uint8: the stored view nearest to this module's direction, its white background made transparent."""
     from PIL import Image
 
-    azimuth, elevation = DIRECTION[0]
-    wanted = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
-    eyes = -np.einsum("vji,vj->vi", views.world_to_camera[:, :3, :3], views.world_to_camera[:, :3, 3])
-    image = views.images[int((eyes @ wanted / np.linalg.norm(eyes, axis=1)).argmax())]
+    image = views.images[nearest_view(views)]
     there = (image != 255).any(axis=2)
     rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
     rgba = np.dstack([image, np.where(there, 255, 0).astype(np.uint8)])
@@ -74,6 +71,14 @@ def view_picture(views: Views, size: int) -> np.ndarray:
         box = (middle[1] - half, middle[0] - half, middle[1] + half, middle[0] + half)
         return np.asarray(Image.fromarray(rgba).resize((size, size), Image.Resampling.BILINEAR, box=_inside(box, rgba.shape)))
     return np.asarray(Image.fromarray(rgba).resize((size, size)))
+
+
+def nearest_view(views: Views) -> int:
+    """Which stored view is nearest to this module's direction."""
+    azimuth, elevation = DIRECTION[0]
+    wanted = np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
+    eyes = -np.einsum("vji,vj->vi", views.world_to_camera[:, :3, :3], views.world_to_camera[:, :3, 3])
+    return int((eyes @ wanted / np.linalg.norm(eyes, axis=1)).argmax())
 
 
 def marks(entry: Entry, prediction: Prediction) -> list[Mark]:
