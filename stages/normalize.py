@@ -43,7 +43,7 @@ class NormalizeParams(Params):
     """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS, SHOT). Candidates
     are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay; colours and textures are
     dropped. Shapes that are clouds stay as they are."""
-    watertight_resolution: int = Field(64, ge=8, le=256)
+    watertight_resolution: int = Field(64, ge=8, le=128)
     """Cells along the shape's longest side: gaps and holes narrower than some 1.7 cells are closed, faces grow with the square."""
     colors: bool = True
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
