@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from pipeline.run import Report, Run
 from schemas.scores import ScoreTable
+
+if TYPE_CHECKING:
+    from stages.scoring.summary import Row
 
 
 def scores(
@@ -31,14 +34,25 @@ def scores(
 
 def run_scores(run: Run) -> ScoreTable:
     """The score table of what a run has scored so far. Raises ValueError where nothing is scored yet."""
-    from schemas.keypoints import ShapeScore
     from stages.scoring.summary import score_table
 
-    found = ((s.category, draw, s.id, a) for s, draw, a in run.collect("score") if isinstance(a, ShapeScore) and draw is not None)
-    rows = list(found)
+    rows = score_rows(run)
+    return score_table(run.name, rows[0][3].protocol, rows)
+
+
+def score_rows(run: Run, limit: int | None = None) -> list[Row]:
+    """Class, draw, shape and score of what a run has scored so far; `limit`: as `Run.plan`'s. Raises ValueError where that is nothing."""
+    from schemas.keypoints import ShapeScore
+
+    wanted = None if limit is None else {(node, draw) for stage, node, draw in run.plan(limit).by_shape if stage == "score"}
+    rows: list[Row] = [
+        (shape.category, draw, shape.id, found)
+        for shape, draw, found in run.collect("score")
+        if isinstance(found, ShapeScore) and draw is not None and (wanted is None or (shape.name, draw) in wanted)
+    ]
     if not rows:
         raise ValueError(f"run {run.name}: expected scored shapes, got none; run it first, or annotate shapes that are not shots")
-    return score_table(run.name, rows[0][3].protocol, rows)
+    return rows
 
 
 def after_run(run: Run, report: Report, console: Console) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from pipeline.run import Run
 
 if TYPE_CHECKING:
     from schemas.scores import ClassScores, ScoreTable
+    from stages.scoring.summary import Row
 
 
 @dataclass(frozen=True)
@@ -47,18 +48,28 @@ def members(config: Config) -> list[Member]:
 def run_series(
     console: Console, run: Path, members: Iterable[Member], store: str | None, workers: int | None, limit: int | None
 ) -> list[tuple[str, ScoreTable]]:
-    """Execute and score every member; all that members share is computed once. Raises ValueError where a member scores nothing."""
-    from stages.commands.scores import run_scores
+    """Execute and score every member; all that members share is computed once. Raises ValueError where a member scores nothing.
 
-    found = []
+    Only targets that every member has scored count, so that members differ by what they do, not by whom they do it to.
+    """
+    from stages.commands.scores import score_rows
+    from stages.scoring.summary import score_table
+
+    found: list[tuple[str, str, dict[tuple[str, Hashable, str], Row]]] = []
     for member in members:
         loaded = Run.load(run, member.overrides, store)
         with console.status(f"{member.label}: running"):
             report = loaded.execute(workers, limit=limit)
         ran = ", ".join(sorted({outcome.stage for outcome in report.done}, key=list(loaded.config.stages).index)) or "nothing"
-        console.print(f"[dim]{member.label}: ran {ran} in {report.seconds:.0f} s[/]", highlight=False)
-        found.append((member.label, run_scores(loaded)))
-    return found
+        failed = f"; [red]{len(report.failures)} failed, {report.blocked} blocked[/]" if not report.ok else ""
+        rows = score_rows(loaded, limit)
+        auc = score_table(loaded.name, None, rows).mean.auc.mean
+        console.print(f"[dim]{member.label}: ran {ran} in {report.seconds:.0f} s, AUC {auc:.3f}[/]{failed}", highlight=False)
+        found.append((member.label, loaded.name, {row[:3]: row for row in rows}))
+    shared = set.intersection(*(set(rows) for _, _, rows in found))
+    if lost := max(len(rows) for _, _, rows in found) - len(shared):
+        console.print(f"left out: {lost} scores of targets that not every step has scored", highlight=False)
+    return [(label, score_table(name, None, [rows[key] for key in sorted(shared, key=str)])) for label, name, rows in found]
 
 
 def series_table(title: str, found: list[tuple[str, ScoreTable]]) -> Table:
@@ -88,6 +99,11 @@ def series_plot(found: list[tuple[str, ScoreTable]]) -> str:
     height = 120 + 34 * len(found)
     figure.update_layout(xaxis_title="AUC of IoU, 0 … .10", yaxis={"autorange": "reversed"}, margin={"l": 360}, height=height)
     return str(figure.to_html(include_plotlyjs=True))
+
+
+def series_json(found: list[tuple[str, ScoreTable]]) -> str:
+    """All score tables, in order: [{"step", "scores"}]; `scores` as `b23d scores --json` prints them."""
+    return json.dumps([{"step": label, "scores": scores.model_dump(mode="json")} for label, scores in found], indent=1)
 
 
 def _at(scores: ClassScores, threshold: float) -> float:
