@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.scoring.quoted import B2_3D, CURVES, HUNGARIAN, PART_CLASSES, PARTS, STATEMENTS, THRESHOLDS
+from stages.scoring.quoted import B2_3D, CURVES, HUNGARIAN, PART_CLASSES, PARTS, STATEMENTS, THRESHOLDS, statements_of
 
 
 def test_curves_rise_and_are_marked_as_quoted() -> None:
@@ -27,3 +27,9 @@ def test_dino_leads_in_nine_of_fifteen_classes() -> None:
     earlier = np.array([row.iou for row in PARTS if row.system in ("IDC", "CPAE", "NCP")]).max(axis=0)
     dino = np.array(next(row.iou for row in PARTS if row.system == "DINO"))
     assert (dino > earlier).sum() == 9 and (dino - earlier).max() == pytest.approx(18.3)
+
+
+def test_statements_are_found_by_a_systems_name() -> None:
+    assert [said.systems for said in statements_of("SAM ViT-H")] == [("SAM",)]
+    assert [said.systems for said in statements_of("DINOv2 ViT-S/14")] == [("DINOv2 ViT-S",)]
+    assert statements_of("EfficientNet-Lite0") == statements_of("SHOTS") == statements_of("farthest") == []

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from schemas.scores import ClassScores, ScoreTable
 from schemas.shape import NormalizedShape
 from stages.report.palette import class_color, id_color, rgb
-from stages.report.paper import QUOTED, SOURCE
+from stages.scoring.quoted import CURVES, THRESHOLDS, QuotedCurve
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -35,20 +36,28 @@ def score_curves(table: ScoreTable, quoted: bool = True) -> go.Figure:
     if len(curves) > 1:
         curves.append(("mean", table.mean, MEAN))
     for name, scores, color in curves:
-        _add_curve(figure, name, scores, color, wide=name == "mean" or len(curves) == 1)
-    for curve, dash in zip(QUOTED if quoted else (), ("dash", "dot", "solid"), strict=False):
-        words = "<br>".join(filter(None, [curve.name, *SOURCE.split("; "), curve.note, "%{x}: %{y:.2f}"]))
+        add_curve(figure, name, scores, color, wide=name == "mean" or len(curves) == 1)
+    add_quoted(figure, CURVES if quoted else ())
+    return figure.update_layout(curve_layout(max(table.mean.thresholds)))
+
+
+def curve_layout(largest: float) -> dict[str, Any]:
+    """Axes and legend of IoU over threshold, up to the largest threshold."""
+    return {
+        "template": "none", "height": 430, "margin": {"l": 48, "r": 8, "t": 8, "b": 44}, "hovermode": "closest", "hoverlabel": {"align": "left"},
+        "xaxis": {"title": {"text": "threshold"}, "range": [0, largest * 1.02], "zeroline": False, "tickformat": ".2f"},
+        "yaxis": {"title": {"text": "IoU"}, "range": [0, 1], "zeroline": False}, "legend": {"orientation": "h", "x": 0, "y": -0.17},
+    }
+
+
+def add_quoted(figure: go.Figure, curves: Iterable[QuotedCurve]) -> None:
+    """The paper's printed curves, dashed and grey, and marked as the paper's."""
+    for curve, dash in zip(curves, ("dash", "dot"), strict=False):
+        words = "<br>".join([curve.system, *curve.source.split("; "), "%{x}: %{y:.2f}"])
         figure.add_scatter(
-            x=curve.thresholds, y=curve.iou, name=f"{curve.name} (paper)", mode="lines" if len(curve.iou) > 1 else "markers",
-            line={"color": QUOTED_COLOR, "dash": dash, "width": 2}, marker={"color": QUOTED_COLOR, "symbol": "diamond", "size": 9},
-            hovertemplate=f"{words}<extra></extra>",
+            x=THRESHOLDS, y=curve.iou, name=f"{curve.system} (paper)", mode="lines", hovertemplate=f"{words}<extra></extra>",
+            line={"color": QUOTED_COLOR, "dash": dash, "width": 2},
         )
-    figure.update_layout(
-        template="none", height=430, margin={"l": 48, "r": 8, "t": 8, "b": 44}, hovermode="closest", hoverlabel={"align": "left"},
-        xaxis={"title": {"text": "threshold"}, "range": [0, max(table.mean.thresholds) * 1.02], "zeroline": False, "tickformat": ".2f"},
-        yaxis={"title": {"text": "IoU"}, "range": [0, 1], "zeroline": False}, legend={"orientation": "h", "x": 0, "y": -0.17},
-    )
-    return figure
 
 
 def plot_scores(run: Run) -> go.Figure:
@@ -116,7 +125,8 @@ def _add_shape(figure: go.Figure, shape: NormalizedShape, colors: np.ndarray) ->
     figure.add_mesh3d(**_xyz(surface.vertices), **corners, vertexcolor=words[near], flatshading=True, hoverinfo="skip", name="shape")
 
 
-def _add_curve(figure: go.Figure, name: str, scores: ClassScores, color: str, wide: bool) -> None:
+def add_curve(figure: go.Figure, name: str, scores: ClassScores, color: str, wide: bool = False, dash: str = "solid") -> None:
+    """IoU over threshold of one row of a table, with a band of ± sd over draws."""
     at, mean, sd = np.array(scores.thresholds), np.array(scores.iou.mean), np.array(scores.iou.sd)
     if scores.draws > 1:
         red, green, blue = rgb(color)
@@ -127,7 +137,7 @@ def _add_curve(figure: go.Figure, name: str, scores: ClassScores, color: str, wi
         )
     figure.add_scatter(
         x=at.tolist(), y=mean.tolist(), name=name, legendgroup=name, mode="lines+markers", marker={"size": 6},
-        line={"color": color, "width": 3.5 if wide else 2}, customdata=sd.tolist(),
+        line={"color": color, "width": 3.5 if wide else 2, "dash": dash}, customdata=sd.tolist(),
         hovertemplate=f"{name}<br>%{{x}}: %{{y:.3f}} ± %{{customdata:.3f}}<extra></extra>",
     )
 

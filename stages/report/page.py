@@ -14,8 +14,8 @@ from pipeline.run import Run
 from schemas.scores import ClassScores, ScoreTable
 from stages.report.gathering import Quarantined
 from stages.report.palette import IDS, class_color, id_color
-from stages.report.paper import QUOTED, SOURCE
 from stages.report.summary import costs, dataset_fields, origins, settings
+from stages.scoring.quoted import B2_3D, CURVES
 
 HERE = Path(__file__).parent
 SCRIPTS = ("details", "fields", "scene", "balls", "panel", "viewer", "curves", "table", "main")   # in this order
@@ -60,7 +60,7 @@ def render_page(
     safe = _markup()
     return environment.get_template("report.html").render(
         run=_run(run, rows), cards=cards(rows, table, stage_costs), table=score_lines(table) if table else None,
-        paper_source=SOURCE, examples=examples, classes=sorted({row["category"] for row in rows}), failures=failures,
+        paper_source=B2_3D.source, examples=examples, classes=sorted({row["category"] for row in rows}), failures=failures,
         columns=[{"key": key, "label": label, "means": means} for key, label, means in COLUMNS],
         costs=cost_lines(stage_costs), settings=fields, changed=[line for line in fields if line["differs"]], dataset=dataset_fields(run),
         origins=origins(run, plan), draws=_draws(plan), style=safe(_static("report.css")), theme_script=safe(_static("theme.js")),
@@ -102,10 +102,9 @@ def score_lines(table: ScoreTable) -> dict[str, Any]:
     lines = [_score_line(name, scores, places, class_color(i)) for i, (name, scores) in enumerate(table.classes.items())]
     if len(lines) > 1:
         lines.append({**_score_line("mean of classes", table.mean, places, ""), "mean": True})
-    for curve in QUOTED:
-        if curve.auc is not None:
-            iou = [_figure(curve.iou[place], 2) for place in places]
-            lines.append({"name": f"{curve.name}, paper", "auc": _figure(curve.auc), "iou": iou, "quoted": True})
+    for curve in CURVES:
+        iou = [_figure(curve.iou[place], 2) for place in places]
+        lines.append({"name": f"{curve.system}, paper", "auc": _figure(curve.auc), "iou": iou, "quoted": True})
     at = [_threshold(table.mean, place) for place in places]
     return {"lines": lines, "draws": table.mean.draws, "at": at, "protocol": table.protocol}
 

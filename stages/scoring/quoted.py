@@ -28,6 +28,11 @@ class QuotedCurve:
         """Mean over the thresholds, from the printed digits."""
         return sum(self.iou) / len(self.iou)
 
+    @property
+    def source(self) -> str:
+        """Whence, and in which setting, in one line."""
+        return f"{self.quoted}: {self.setting}"
+
 
 @dataclass(frozen=True)
 class QuotedStatement:
@@ -79,3 +84,13 @@ PARTS = (
     QuotedParts("EfficientNet", (56.6, 69.5, 63.2, 64.4, 72.1, 81.6, 70.8, 50.6, 88.5, 59.5, 82.6, 63.5, 44.9, 60.2, 64.2), 66.1),
     QuotedParts("SAM", (36.8, 65.3, 57.1, 59.7, 56.6, 79.0, 72.8, 51.8, 75.8, 43.6, 49.0, 56.6, 32.4, 46.8, 53.8), 55.8),
 )
+
+
+def statements_of(system: str) -> list[QuotedStatement]:
+    """What the paper says of a system: of "SAM ViT-H" what it says of SAM, but nothing of "SAM-like"."""
+    return [said for said in STATEMENTS if any(_is(system, known) for known in said.systems)]
+
+
+def _is(system: str, known: str) -> bool:
+    after = system[len(known) :][:1]
+    return system.casefold().startswith(known.casefold()) and not (after.isalnum() or after == "-")
