@@ -42,8 +42,9 @@ def render_page(name: str, source: str, parts: list[Part], result: Result, paper
 def cell(value: Any) -> str:
     """A table's cell as people read it."""
     if isinstance(value, float | np.floating):
-        whole = float(value).is_integer() and abs(value) != 1   # a similarity of 1 keeps its digits
-        return "–" if np.isnan(value) else f"{value:g}" if whole else f"{value:.4g}" if abs(value) >= 10 else f"{value:.3f}"
+        number = float(value)
+        whole = number.is_integer() and abs(number) > 1   # a similarity of 1 keeps its digits
+        return "–" if np.isnan(number) else f"{number:g}" if whole else f"{number:.4g}" if abs(number) >= 10 else f"{number:.3f}"
     return str(value)
 
 

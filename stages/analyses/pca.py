@@ -11,7 +11,7 @@ from stages.analyses.interface import AnalysisParams, Part, Pictures, Result, cl
 from stages.report.painting import picture
 from stages.report.principal import fit_basis
 
-PIXELS = 260
+PIXELS = 420   # shown at half that, or less
 
 
 class Parameters(AnalysisParams):

@@ -22,9 +22,10 @@ from stages.report.coloring import plasma
 from stages.report.painting import picture
 from stages.report.palette import class_color
 
-PIXELS = 300
+PIXELS = 480   # shown at half that, or less
 MOVED = 1e-3   # share of the shape's longest side: points that lie farther apart than this were changed
 BINS = 12
+DASHES = ("solid", "solid", "dash", "dot")   # lines that lie upon each other are all seen
 
 
 class Parameters(AnalysisParams):
@@ -146,7 +147,7 @@ def _figure(found: list[tuple[str, list[Pair]]]) -> go.Figure:
             add_band(figure, x, mean, sd, label, color, row=1, col=column)
             figure.add_scatter(
                 x=x.tolist(), y=mean.tolist(), name=label, legendgroup=label, showlegend=column == 1, mode="lines+markers",
-                line={"color": color, "width": 2.5}, marker={"size": 6}, row=1, col=column,
+                line={"color": color, "width": 2.5, "dash": DASHES[place % len(DASHES)]}, marker={"size": 6}, row=1, col=column,
                 hovertemplate="%{x:.2f}: %{y:.3f}<extra>" + label + "</extra>",
             )  # fmt: skip
     figure.update_xaxes(rangemode="tozero")

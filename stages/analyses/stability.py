@@ -66,7 +66,7 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
         f"Feature stability over {axis.title}", table,
         "cosine: mean cosine similarity of a point's feature with its feature at the reference, over all points that views see in both, of "
         "all shapes; sd: standard deviation over these; 5 %: a twentieth of them is below; centred: the same after the shape's mean feature "
-        "is taken away, which all its points share; least shape: the lowest mean of a shape; seen: share of the points compared.",
+        "is taken away, which its points share; least shape: the lowest mean of one; seen: share compared.",
         [Chart(_figure(table, axis, axis.of(params.reference)), _caption(reference, params))],
     )  # fmt: skip
 
@@ -101,7 +101,8 @@ def _compared(part: Part, reference: Part) -> dict[str, float]:
 def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
     figure, x = go.Figure(), table[axis.title].to_numpy(float)
     for name, sd, title, color, dash in (
-        ("cosine", "sd", "cosine similarity", class_color(0), "solid"), ("centred", "centred sd", "of centred features", class_color(1), "dot"),
+        ("cosine", "sd", "cosine similarity", class_color(0), "solid"),
+        ("centred", "centred sd", "of centred features", class_color(1), "dot"),
     ):  # fmt: skip
         add_band(figure, x, table[name].to_numpy(), table[sd].to_numpy(), name, color)
         figure.add_scatter(
@@ -127,5 +128,5 @@ def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
 def _caption(reference: Part, params: Parameters) -> str:
     entries = list(reference.described())
     shapes, points = len(entries), sum(len(features.observed) for _, _, features in entries)
-    smoothed = "smoothed along the surface" if params.features == "reweight" else "as the views give them"
-    return f"{shapes} shapes, {points:,} points; features of {entries[0][2].descriptor}, {smoothed}. Bands: ± standard deviation over points."
+    smoothed = "smoothed" if params.features == "reweight" else "as the views give them"
+    return f"{shapes} shapes, {points:,} points; features of {entries[0][2].descriptor}, {smoothed}. Bands: ± one standard deviation."
