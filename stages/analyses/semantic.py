@@ -75,7 +75,8 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
         "Semantic stability across shapes of a class", pd.DataFrame(rows),
         "AUC: chance that a random point of the other shape is less like the keypoint than the same keypoint there is (.5: guessing); AUC "
         "ids: the same against the other shape's other keypoints, but those that a symmetry exchanges; first 1 %: searches whose right "
-        "point is in the most similar hundredth of the surface; error: median distance from it to the most similar point, longest sides.",
+        "point is in the most similar hundredth of the surface; error: median distance of the most similar point from it, or from one that "
+        "a symmetry exchanges with it, longest sides.",
         [Chart(_figure(curves), f"Mean over classes; descriptors scaled {params.scale}, compared by Euclidean distance.")],
     )  # fmt: skip
 
@@ -95,7 +96,8 @@ def searches(shapes: list[Described], near: float) -> pd.DataFrame:
     """Every keypoint of each shape looked for on each other shape that has it: a row a search.
 
     points: share of the other shape's wrong points that are nearer in descriptor space than the right one; ids: of its wrong
-    keypoints (NaN where it has none); error: distance from the right point to the nearest one in descriptor space, unit frame.
+    keypoints (NaN where it has none); error: distance of the nearest point in descriptor space from the right one, or from one that
+    the shape's symmetry exchanges with it, unit frame.
     """
     rows: list[pd.DataFrame] = []
     for one, other in permutations(shapes, 2):
@@ -106,12 +108,13 @@ def searches(shapes: list[Described], near: float) -> pd.DataFrame:
         right = other.at[theirs]
         expected = distances[np.arange(len(ids)), right]
         wrong, elsewhere = distances.copy(), distances[:, other.at]
+        first, error = distances.argmin(axis=1), np.zeros(len(ids))
         for row, place in enumerate(theirs):
             mates = other.mates(int(place))
             gaps = np.linalg.norm(other.points[:, None] - other.points[other.at[mates]], axis=2).min(axis=1)
             wrong[row, gaps <= near] = np.nan
             elsewhere[row, mates] = np.nan
-        error = np.linalg.norm(other.points[distances.argmin(axis=1)] - other.points[right], axis=1)
+            error[row] = gaps[first[row]]
         columns = {"id": ids, "points": nearer_share(expected, wrong), "ids": nearer_share(expected, elsewhere), "error": error}
         rows.append(pd.DataFrame(columns))
     return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame({"id": [], "points": [], "ids": [], "error": []})

@@ -18,7 +18,7 @@ from stages.report.palette import class_color
 
 class Parameters(AnalysisParams):
     kind: Literal["stability"]
-    reference: int | float | str
+    reference: float
     """The swept value whose features all others are compared with."""
     features: Literal["backproject", "reweight"] = "backproject"
     """As seen by the views, or smoothed along the surface, too."""
@@ -29,6 +29,10 @@ class Axis:
     """How a swept field is drawn, and a mark that the paper sets."""
 
     title: str
+    column: str
+    """The table's word for it."""
+    unit: str = ""
+    """Written behind its numbers."""
     of: Callable[[Any], float] = float
     ticks: float | None = None
     across: tuple[float, str] | None = None
@@ -43,9 +47,13 @@ def views_of(rings: int) -> int:
 
 
 AXES = {
-    "stages.render.rings": Axis("views", views_of, upright=(50, "paper: converges near 50")),
-    "stages.render.distance_factor": Axis("camera's distance, over the least at which the whole shape is seen"),
-    "stages.render.azimuth_offset": Axis("rotation about the up axis, degrees", ticks=15, across=(0.99, "paper: always above .99")),
+    "stages.render.rings": Axis("number of views", "views", " views", views_of, upright=(50, "paper: converges near 50")),
+    "stages.render.distance_factor": Axis(
+        "camera's distance, in least distances at which the whole shape is seen", "distance", " least distances"
+    ),
+    "stages.render.azimuth_offset": Axis(
+        "rotation about the up axis, degrees", "degrees", "°", ticks=15, across=(0.99, "paper: always above .99")
+    ),
 }
 
 
@@ -59,14 +67,16 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
     if reference is None:
         values = ", ".join(str(part.value) for part in parts)
         raise ValueError(f"analysis.reference: expected one of the swept values {values}, got {params.reference!r}; sweep it, too")
-    axis = AXES.get(reference.series, Axis(reference.series))
+    if not all(isinstance(part.value, int | float) for part in parts):
+        raise ValueError(f"stability: expected a sweep over a number of a stage, got {reference.series}; compare others with [variants]")
+    axis = AXES.get(reference.series, Axis(reference.series, reference.series.split(".")[-1]))
     rows = [{"x": axis.of(part.value), **_compared(part, reference)} for part in parts]
-    table = pd.DataFrame(rows).sort_values("x", ignore_index=True).rename(columns={"x": axis.title})
+    table = pd.DataFrame(rows).sort_values("x", ignore_index=True).rename(columns={"x": axis.column})
     return Result(
-        f"Feature stability over {axis.title}", table,
+        f"Feature stability: {axis.title.split(',')[0]}", table,
         "cosine: mean cosine similarity of a point's feature with its feature at the reference, over all points that views see in both, of "
-        "all shapes; sd: standard deviation over these; 5 %: a twentieth of them is below; centred: the same after the shape's mean feature "
-        "is taken away, which its points share; least shape: the lowest mean of one; seen: share compared.",
+        "all shapes; sd: standard deviation over these; 5 %: a twentieth of them is below; centred: the same after the shape's mean "
+        "feature is taken away, which its points share; least shape: the lowest mean of one; seen: share compared.",
         [Chart(_figure(table, axis, axis.of(params.reference)), _caption(reference, params))],
     )  # fmt: skip
 
@@ -99,7 +109,7 @@ def _compared(part: Part, reference: Part) -> dict[str, float]:
 
 
 def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
-    figure, x = go.Figure(), table[axis.title].to_numpy(float)
+    figure, x = go.Figure(), table[axis.column].to_numpy(float)
     for name, sd, title, color, dash in (
         ("cosine", "sd", "cosine similarity", class_color(0), "solid"),
         ("centred", "centred sd", "of centred features", class_color(1), "dot"),
@@ -113,7 +123,7 @@ def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
     grey, words = {"color": SOFT, "dash": "dash", "width": 1.5}, {"color": SOFT}
     if axis.across is not None:
         at, says = axis.across
-        figure.add_hline(at, line=grey, annotation={"text": says, "font": words}, annotation_position="bottom left")
+        figure.add_hline(at, line=grey, annotation={"text": says, "font": words}, annotation_position="bottom right")
     if axis.upright is not None:
         at, says = axis.upright
         figure.add_vline(at, line=grey, annotation={"text": says, "font": words}, annotation_position="bottom right")
@@ -122,7 +132,7 @@ def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
     low = float((table["centred"] - table["centred sd"]).min())
     figure.update_yaxes(range=[max(low - 0.03, -1), 1.02])
     figure.update_xaxes(dtick=axis.ticks)
-    return finish(figure, axis.title, f"similarity to the features at {reference:g}")
+    return finish(figure, axis.title, f"similarity to the features at {reference:g}{axis.unit}")
 
 
 def _caption(reference: Part, params: Parameters) -> str:

@@ -14,6 +14,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import Field
+
 from pipeline.dataset import Leaf, Shape, dataset
 from stages.datasets.annotations import AnnotationFile
 from stages.datasets.external import WithExternals
@@ -39,6 +41,8 @@ class Folder(WithExternals):
     """Only files whose path below the root matches; `*` also matches `/`: `"*/models/*.obj"`."""
     id: Literal["stem", "folder"] = "stem"
     """A shape's id: its file's stem, or the folder below the category (ShapeNet's `<class>/<id>/models/model_normalized.obj`)."""
+    category: str | None = Field(None, min_length=1)
+    """One category for all shapes, wherever below the root they lie; None: the first folder's name."""
 
     @uncollected()
     def shapes(self) -> list[Shape]:
@@ -77,8 +81,9 @@ class Folder(WithExternals):
             stem, dot, suffix = place.rpartition("/")[2].rpartition(".")
             if dot and f".{suffix.lower()}" in MESH_SUFFIXES + CLOUD_SUFFIXES:
                 folders = place.split("/")[:-1]
-                category = folders[0] if folders else flat
-                by_shape.setdefault((category, folders[1] if self.id == "folder" and len(folders) > 1 else stem), []).append(path)
+                category = self.category or (folders[0] if folders else flat)
+                below = folders if self.category else folders[1:]
+                by_shape.setdefault((category, below[0] if self.id == "folder" and below else stem), []).append(path)
         return {key: self._roles("/".join(key), sorted(paths)) for key, paths in by_shape.items()}
 
     def _roles(self, name: str, paths: list[str]) -> dict[str, str]:
