@@ -95,7 +95,7 @@ def softmax_together(
     for i, problem in enumerate(problems):
         start = torch.randn(problem.k + 1, problem.n, generator=torch.Generator().manual_seed(seed))
         logits[i, : problem.k], logits[i, -1] = start[:-1], start[-1]
-    optimiser = torch.optim.Adam([logits], lr=learning_rate)
+    optimiser = torch.optim.Adam([logits], lr=learning_rate, fused=True)
     with torch.no_grad():
         for _ in range(steps):
             logits.grad = loss(logits)[1]

@@ -1,0 +1,63 @@
+"""The discrete solver is never worse than the paper's optimiser: real and made shapes, real (axiomatic) descriptors, both scales.
+
+`tests/benchmarks/bench_objectives.py` says the same of all targets of a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from pipeline.dataset import Leaf, Shape
+from stages.datasets.keypointnet import KeypointNet
+from stages.datasets.procedural import Procedural
+from stages.describe import DescribeParams, describe
+from stages.geodesic import GeodesicParams, geodesic
+from stages.normalize import NormalizeParams, normalize
+from stages.optimize import OptimizeParams
+from stages.solvers.discrete import discrete
+from stages.solvers.objective import Problem, objective
+from stages.solvers.posing import pose
+from tests.shared_data import shared
+
+SCALES = [OptimizeParams(), OptimizeParams(features="standardised", alpha=4)]
+
+
+def loaded(leaf: Leaf) -> Any:
+    return leaf.load({name: path.read_bytes() for name, path in leaf.files.items()}, {**leaf.values, **leaf.context})
+
+
+def problems(shapes: list[Shape], shots: int) -> Iterator[tuple[str, Problem]]:
+    """Every shape but the first `shots` as a target of these, 192 candidates each, described by SHOT, in both scales."""
+    made = []
+    for shape in shapes:
+        clean = normalize(loaded(shape.leaves["source"]), NormalizeParams(candidates="fps", count=192))
+        described = describe(clean, DescribeParams(descriptor="shot"))
+        made.append((clean, described, geodesic(clean, GeodesicParams()), loaded(shape.leaves["keypoints"])))
+    columns = [list(column) for column in zip(*made[:shots], strict=True)]
+    for shape, target in zip(shapes[shots:], made[shots:], strict=True):
+        for params in SCALES:
+            yield shape.name, pose(*target[:3], *columns, params=params)[1]
+
+
+def check(shapes: list[Shape], shots: int = 3, steps: int = 600) -> None:
+    from stages.solvers.softmax import softmax
+
+    count = 0
+    for name, problem in problems(shapes, shots):
+        reached = objective(problem, discrete(problem)), objective(problem, softmax(problem, steps=steps))
+        assert reached[0] <= reached[1] * (1 + 1e-9), f"{name}, alpha {problem.alpha}: {reached}"
+        count += 1
+    assert count == len(SCALES) * (len(shapes) - shots) > 0
+
+
+@pytest.mark.parametrize("category", ["airplane", "bathtub", "bed"])
+def test_discrete_is_never_worse_on_keypointnet(category: str) -> None:
+    check(KeypointNet(root=shared("keypointnet"), classes=[category]).shapes()[:5])
+
+
+@pytest.mark.parametrize("category", ["chair", "mug"])
+def test_discrete_is_never_worse_on_made_shapes(category: str) -> None:
+    check(Procedural(kind="procedural", classes=[category], count=5).shapes())   # type: ignore[list-item]
