@@ -15,7 +15,8 @@ from stages.report.painting import Mark, marks, nearest_view
 from stages.report.palette import id_color
 
 PIXELS = 336
-RADIUS = 5   # pixels
+RADIUS, INNER = 8, 6   # pixels: of rings and of discs
+ROOM = 1.1
 
 
 class Parameters(AnalysisParams):
@@ -73,27 +74,41 @@ def _label(entry: Entry) -> str:
 
 
 def on_view(views: Views, keypoints: list[Mark]) -> np.ndarray:
-    """(row, column, 4) uint8: the view from the front right, a little from above, with keypoints; hidden ones are drawn, too."""
+    """(row, column, 4) uint8: the view from the front right, a little from above, cut to the shape; hidden keypoints are drawn, too."""
     from PIL import Image, ImageDraw
 
     at = nearest_view(views)
-    image = Image.fromarray(views.images[at]).convert("RGBA").resize((PIXELS, PIXELS), Image.Resampling.LANCZOS)
+    left, top, side = _box(views.depth[at])
+    box = (left, top, left + side, top + side)
+    image = Image.fromarray(views.images[at]).convert("RGBA").transform(
+        (PIXELS, PIXELS), Image.Transform.EXTENT, box, Image.Resampling.BICUBIC, fillcolor=(255, 255, 255, 255)
+    )
     if not keypoints:
         return np.asarray(image)
-    draw, scale = ImageDraw.Draw(image), PIXELS / views.images.shape[1]
+    draw, scale = ImageDraw.Draw(image), PIXELS / side
     pixels, _ = project(np.stack([mark.position for mark in keypoints]).astype(np.float64), views.world_to_camera[[at]], views.intrinsics)
-    places = {(mark.true, mark.id): tuple(place) for mark, place in zip(keypoints, (pixels[0] * scale).tolist(), strict=True)}
+    cut = (pixels[0] - (left, top)) * scale
+    places = {(mark.true, mark.id): tuple(place) for mark, place in zip(keypoints, cut.tolist(), strict=True)}
     for (true, number), place in places.items():
         if not true and (True, number) in places:
             draw.line([place, places[True, number]], fill=(220, 38, 38), width=2)
     for (true, number), (x, y) in sorted(places.items(), reverse=True):
         box = (x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS)
         if true:
-            draw.ellipse(box, outline=(255, 255, 255), width=4)
-            draw.ellipse(box, outline=id_color(number), width=3)
+            draw.ellipse(box, outline=(255, 255, 255), width=6)
+            draw.ellipse(box, outline=id_color(number), width=4)
         else:
-            draw.ellipse((x - 4, y - 4, x + 4, y + 4), fill=id_color(number), outline=(255, 255, 255))
+            draw.ellipse((x - INNER, y - INNER, x + INNER, y + INNER), fill=id_color(number), outline=(255, 255, 255))
     return np.asarray(image)
+
+
+def _box(depth: np.ndarray) -> tuple[float, float, float]:
+    """Left, top and side of the square around what is seen in a view, with room for keypoints at its edge; pixels."""
+    rows, columns = np.flatnonzero((depth > 0).any(axis=1)), np.flatnonzero((depth > 0).any(axis=0))
+    if not len(rows):
+        return 0.0, 0.0, float(len(depth))
+    side = ROOM * (max(np.ptp(rows), np.ptp(columns)) + 1)
+    return float(columns[0] + columns[-1] + 1 - side) / 2, float(rows[0] + rows[-1] + 1 - side) / 2, float(side)
 
 
 def _at(thresholds: list[float], values: list[float], wanted: float) -> float:

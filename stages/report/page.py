@@ -45,8 +45,10 @@ def render_page(
     folder: str,
     inline: dict[str, str],
     draw: int | None,
+    analysis: str | None = None,
 ) -> str:
-    """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to stand inside."""
+    """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to stand inside;
+    `analysis`: the page of `b23d analyse`, relative to this one."""
     from jinja2 import Environment, FileSystemLoader
     from plotly.offline import get_plotlyjs
 
@@ -59,7 +61,7 @@ def render_page(
     environment = Environment(loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     safe = _markup()
     return environment.get_template("report.html").render(
-        run=_run(run, rows), cards=cards(rows, table, stage_costs), table=score_lines(table) if table else None,
+        run=_run(run, rows), analysis=analysis, cards=cards(rows, table, stage_costs), table=score_lines(table) if table else None,
         paper_source=B2_3D.source, examples=examples, classes=sorted({row["category"] for row in rows}), failures=failures,
         columns=[{"key": key, "label": label, "means": means} for key, label, means in COLUMNS],
         costs=cost_lines(stage_costs), settings=fields, changed=[line for line in fields if line["differs"]], dataset=dataset_fields(run),

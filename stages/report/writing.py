@@ -104,7 +104,11 @@ def _publish(
         if example is not None
     ]
     scripts = {path.stem: path.read_text() for path in files} if inside else {}
-    page = render_page(run, gathered.plan, rows, _table(run), examples, failures(run, gathered.plan), folder.name, scripts, draw)
+    analysed = run.folder / "analysis.html"
+    analysis = os.path.relpath(analysed, out.parent) if analysed.is_file() else None
+    page = render_page(
+        run, gathered.plan, rows, _table(run), examples, failures(run, gathered.plan), folder.name, scripts, draw, analysis
+    )
     out.write_text(page, encoding="utf-8")
     shutil.rmtree(folder, ignore_errors=True)
     if not inside:
