@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -55,6 +55,8 @@ class OptimizeParams(Params):
     """Of "softmax"'s Adam."""
     starts: int = Field(default=32, ge=1)
     """Starts of "discrete": nearest neighbour, assignment, and random ones."""
+    sweeps: int = Field(default=100, ge=1)
+    """Most sweeps over the keypoints of a start of "discrete"; one ends as soon as no move lowers its objective, after three to eight."""
     softmax_start: bool = False
     """Let "discrete" start from the softmax's result, too, which it is then never worse than. As slow as "softmax"."""
     one_to_one: bool = False
@@ -167,8 +169,9 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
         return nearest(problem)
     if params.method == "hungarian":
         return hungarian(problem, params.assignment)
+    search: dict[str, Any] = {"starts": params.starts, "sweeps": params.sweeps, "seed": params.seed, "one_to_one": params.one_to_one}
     if params.method in ("discrete", "posterior") and not params.softmax_start:
-        return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one)
+        return discrete(problem, **search)
 
     from stages.solvers.softmax import softmax
 
@@ -182,4 +185,4 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
     )
     if params.method == "softmax":
         return relaxed
-    return discrete(problem, starts=params.starts, seed=params.seed, one_to_one=params.one_to_one, extra=[relaxed])
+    return discrete(problem, **search, extra=[relaxed])

@@ -107,6 +107,16 @@ def test_discrete_is_best_by_the_common_objective() -> None:
     assert with_softmax <= reached["softmax"]
 
 
+def test_the_discrete_search_is_the_params() -> None:
+    """Restarts, the bound on sweeps and one candidate a keypoint."""
+    target, shots = labelled(1, [], []), [labelled(0, list(range(8)), [3, 3, 3, 50, 50, 120, 120, 180]), labelled(2, [0, 1], AT[:2])]
+    few, many = (solve(target, shots, alpha=2, starts=starts).objective for starts in (1, 64))
+    cut = solve(target, shots, alpha=2, starts=1, sweeps=1).objective
+    assert many <= few <= cut
+    free, apart = (solve(target, shots, alpha=2, one_to_one=one).points for one in (False, True))
+    assert len(set(free)) < 8 == len(set(apart))
+
+
 def test_order_of_candidates_does_not_matter() -> None:
     shots = [labelled(0, IDS, AT), labelled(2, IDS, AT)]
     points, features, distances = sphere(1)

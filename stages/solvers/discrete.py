@@ -18,8 +18,6 @@ from stages.solvers.hungarian import hungarian
 from stages.solvers.nearest import nearest
 from stages.solvers.objective import Problem, objective, residuals
 
-SWEEPS = 100
-"""Upper bound; sweeps end after three to eight in practice."""
 NEAREST = 32
 """Random starts draw each keypoint among this many candidates with the most similar features."""
 GAIN = 1e-5
@@ -27,12 +25,13 @@ GAIN = 1e-5
 
 
 def discrete(
-    problem: Problem, *, starts: int = 32, seed: int = 0, one_to_one: bool = False, extra: Iterable[np.ndarray] = ()
+    problem: Problem, *, starts: int = 32, sweeps: int = 100, seed: int = 0, one_to_one: bool = False, extra: Iterable[np.ndarray] = ()
 ) -> np.ndarray:
     """Choice (k,) int64 with the least objective found; never worse than any start, nearest neighbour and assignment included.
 
     starts: how many starts in all, besides `extra`: nearest neighbour, assignment, then half of the rest drawn among each keypoint's
         nearest candidates, and the other half perturbations of the best choice so far.
+    sweeps: upper bound; a start ends as soon as no move lowers its objective, after three to eight sweeps in practice.
     extra: further choices to start from, such as the result of another solver.
     one_to_one: no candidate twice. Then starts that repeat a candidate are left out.
     Raises ValueError where `one_to_one` asks for more candidates than there are.
@@ -43,19 +42,20 @@ def discrete(
     pool = problem.feature_costs.argsort(1)[:, :NEAREST]  # (k, m)
 
     first = np.concatenate([np.stack(fixed), _draws(pool, free - free // 2, random)])
-    best = _best(problem, first, one_to_one)
+    best = _best(problem, first, sweeps, one_to_one)
     second = np.concatenate([best[None], _perturbed(best, pool, free // 2, random)])
-    return _best(problem, second, one_to_one)
+    return _best(problem, second, sweeps, one_to_one)
 
 
-def descend(problem: Problem, choices: np.ndarray, one_to_one: bool = False) -> np.ndarray:
-    """Local optima reached from `choices` (s, k): no single move to another candidate lowers the objective any more.
+def descend(problem: Problem, choices: np.ndarray, sweeps: int = 100, one_to_one: bool = False) -> np.ndarray:
+    """Local optima reached from `choices` (s, k): no single move to another candidate lowers the objective any more, unless `sweeps`
+    over all keypoints were too few. All starts move at once; those that have arrived leave.
 
     Returns (≤ s, k) int64, equal ones merged.
     """
     done: list[np.ndarray] = []
     choices = np.unique(choices, axis=0)
-    for _ in range(SWEEPS):
+    for _ in range(sweeps):
         before = choices
         choices = _sweep(problem, choices.copy(), one_to_one)
         still = (choices == before).all(1)
@@ -66,10 +66,10 @@ def descend(problem: Problem, choices: np.ndarray, one_to_one: bool = False) -> 
     return np.unique(np.concatenate([*done, choices]), axis=0)
 
 
-def _best(problem: Problem, starts: np.ndarray, one_to_one: bool) -> np.ndarray:
+def _best(problem: Problem, starts: np.ndarray, sweeps: int, one_to_one: bool) -> np.ndarray:
     if one_to_one:
         starts = starts[(np.diff(np.sort(starts, axis=1), axis=1) > 0).all(1)]
-    reached = np.concatenate([descend(problem, starts, one_to_one), starts])  # float32 sweeps, judged in float64
+    reached = np.concatenate([descend(problem, starts, sweeps, one_to_one), starts])  # float32 sweeps, judged in float64
     return reached[objective(problem, reached).argmin()]
 
 
