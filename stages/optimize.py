@@ -23,8 +23,9 @@ class OptimizeParams(Params):
     """How keypoints are chosen. The objective is L = ‖F[c] − F_kp‖ + α ‖(D[c, c] − D_kp) ∘ M‖ − β R for all methods that have one."""
 
     method: Literal["posterior", "discrete", "softmax", "nearest", "hungarian"] = "posterior"
-    """"posterior": the points of most expected hits under a model learned from the shots (`stages/posterior/`); where the shots share
-    no common frame, it gives way to "discrete". The others choose by the paper's objective or a part of it.
+    """"posterior": the points of most expected hits under a model learned from the shots (`stages/posterior/`); where the shots stand
+    differently about the up axis, they are turned onto each other and every target onto them. The others choose by the paper's
+    objective or a part of it.
     "discrete": coordinate descent on the choice, from many starts. "softmax": the paper's relaxation, driven by Adam.
     "nearest": each keypoint's nearest feature. "hungarian": the linear assignment by feature distance. The last two use no α."""
     alpha: float = Field(default=0.25, ge=0)
@@ -79,7 +80,7 @@ class OptimizeParams(Params):
         return self
 
 
-@stage(version=1, hints=Hints(memory_gb=0.5))
+@stage(version=2, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,
@@ -134,7 +135,7 @@ def _posterior(
     shot_keypoints: list[Keypoints],
     params: OptimizeParams,
 ) -> Found | None:
-    """What the posterior method finds; None for other methods, and where the shots share no frame."""
+    """What the posterior method finds; None for other methods."""
     if params.method != "posterior":
         return None
 
@@ -142,6 +143,7 @@ def _posterior(
     from stages.posterior.geometry import Prepared, prepare
     from stages.posterior.learning import learn
     from stages.posterior.predicting import predict
+    from stages.posterior.turning import aligned, in_frame
     from stages.solvers.scaling import largest_distance, scale_features
 
     def prepared(s: NormalizedShape, f: PointFeatures, g: GeodesicDistances, k: Keypoints | None = None, name: str = "") -> Prepared:
@@ -153,14 +155,14 @@ def _posterior(
 
     labelled = [i for i in used if len(shot_keypoints[i].ids)]
     shots = [prepared(shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], f"shot {i}") for i in labelled]
+    shots, frames = aligned(shots, params.posterior)
     model = learn(shots, params.posterior)
-    if model.gate > params.posterior.no_frame:
-        return None
-    return predict(model, prepared(shape, reweight, geodesic), params.posterior)
+    target = in_frame(model, frames, prepared(shape, reweight, geodesic), params.posterior)
+    return predict(model, target, params.posterior)
 
 
 def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
-    """The method's choice, (k,) int64. "posterior" comes here where its shots share no frame."""
+    """The method's choice, (k,) int64."""
     from stages.solvers.discrete import discrete
     from stages.solvers.hungarian import hungarian
     from stages.solvers.nearest import nearest
@@ -170,7 +172,7 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
     if params.method == "hungarian":
         return hungarian(problem, params.assignment)
     search: dict[str, Any] = {"starts": params.starts, "sweeps": params.sweeps, "seed": params.seed, "one_to_one": params.one_to_one}
-    if params.method in ("discrete", "posterior") and not params.softmax_start:
+    if params.method == "discrete" and not params.softmax_start:
         return discrete(problem, **search)
 
     from stages.solvers.softmax import softmax

@@ -32,9 +32,17 @@ class PosteriorParams(Params):
     """Of distances, in the shape's largest."""
     gate_prior: float = Field(6.0, gt=0)
     """Pseudo-residuals of the frame gate."""
-    no_frame: float = Field(4.5, ge=1)
-    """A gate above this: the shots share no common frame, and the discrete solver is used, which needs none. Between what aligned
-    classes show (1 … 3.2) and shapes each turned their own way (5.4 … 9)."""
+    same_frame: float = Field(20.0, ge=0, le=180)
+    """Degrees about the up axis by which two shots' labels may be turned and still count as standing alike. Where all do, targets
+    are taken to stand so, too; else shots are turned onto each other, and each target as its evidence says."""
+    turns: int = Field(24, ge=1)
+    """Turns of a target that are tried."""
+    turn_concentration: float = Field(20.0, gt=0)
+    """Of the von Mises prior that a target stands as a shot does; 20 is a standard deviation of 13°."""
+    sides_sd: float = Field(0.25, gt=0)
+    """Standard deviation of the logarithms of the box's sides, for judging turns."""
+    temper: float = Field(2.0, ge=1)
+    """Divides the evidence for a turn: keypoints of one shape are less independent than the bound has it."""
     sweeps: int = Field(6, ge=1)
     """Of the mean field."""
     hit_radius: float = Field(0.08, gt=0)
