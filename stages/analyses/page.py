@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 
 from stages.analyses.interface import Chart, Part, Pictures, Result
 from stages.report.coloring import PLASMA
@@ -32,20 +32,24 @@ def render_page(name: str, source: str, parts: list[Part], result: Result, paper
     return environment.get_template("analysis.html").render(
         name=name, line=" · ".join(word for word in words if word), result=result, paper=paper, source=source,
         columns=[{"name": column, "number": result.table[column].dtype.kind in "fiu"} for column in result.table.columns],
-        rows=[[cell(value) for value in row] for row in result.table.itertuples(index=False)],
+        rows=cells(result.table),
         blocks=[_block(block) for block in result.blocks], style=Markup(STYLE.read_text()), plotly=Markup(get_plotlyjs()) if charts else "",
         plasma=", ".join(f"rgb({r}, {g}, {b})" for r, g, b in PLASMA), version=version("b23d"),
         made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
     )  # fmt: skip
 
 
-def cell(value: Any) -> str:
-    """A table's cell as people read it."""
-    if isinstance(value, float | np.floating):
-        number = float(value)
-        whole = number.is_integer() and abs(number) > 1   # a similarity of 1 keeps its digits
-        return "–" if np.isnan(number) else f"{number:g}" if whole else f"{number:.4g}" if abs(number) >= 10 else f"{number:.3f}"
-    return str(value)
+def cells(table: pd.DataFrame) -> list[list[str]]:
+    """A table's rows as people read them: columns of whole numbers as such, others with three decimals."""
+    return [list(row) for row in zip(*(_column(table[name]) for name in table.columns), strict=True)]
+
+
+def _column(values: pd.Series) -> list[str]:
+    if values.dtype.kind != "f":
+        return [str(value) for value in values]
+    there = values.dropna()
+    whole = bool((there == there.round()).all()) and bool((there.abs() > 1).any())   # a similarity of 1 keeps its digits
+    return ["–" if pd.isna(value) else f"{value:.0f}" if whole else f"{value:.3f}" for value in values]
 
 
 def _block(block: Chart | Pictures) -> dict[str, Any]:

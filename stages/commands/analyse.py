@@ -91,12 +91,12 @@ def executed(console: Console, config: Config, outputs: list[str], store: str | 
 
 
 def _table(result: Result) -> Table:
-    from stages.analyses.page import cell
+    from stages.analyses.page import cells
 
     table = Table(title=result.title, title_justify="left")
     for column in result.table.columns:
         number = result.table[column].dtype.kind in "fiu"
         table.add_column(str(column), justify="right" if number else "left", overflow="fold")
-    for row in result.table.itertuples(index=False):
-        table.add_row(*(escape(cell(value)) for value in row))
+    for row in cells(result.table):
+        table.add_row(*map(escape, row))
     return table
