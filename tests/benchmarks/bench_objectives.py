@@ -25,7 +25,7 @@ from stages.optimize import OptimizeParams
 from stages.solvers.discrete import discrete
 from stages.solvers.objective import objective
 from stages.solvers.softmax import softmax_together
-from tests.benchmarks.run_problems import Posed, posed
+from tests.benchmarks.run_problems import Posed, area, posed
 
 ROUNDING = 1e-6
 """Relative: what float32 sweeps may leave between two equal choices."""
@@ -81,16 +81,6 @@ def compare(
         ([float(objective(one.problem, c)) for c in pair], seconds, [one.score(c) for c in pair])
         for one, *pair in zip(draws, *choices, strict=True)
     ]
-
-
-def area(scores: list[ShapeScore | None]) -> float:
-    """Mean over thresholds of the IoU of all counts together; NaN where nothing is annotated."""
-    known = [one for one in scores if one is not None]
-    if not known:
-        return float("nan")
-    kinds = ("true_positives", "false_positives", "false_negatives")
-    true, false, missed = (np.sum([getattr(one, kind) for one in known], axis=0) for kind in kinds)
-    return float((true / np.maximum(true + false + missed, 1)).mean())
 
 
 if __name__ == "__main__":

@@ -87,3 +87,13 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
 def loaded(leaf: Any) -> Any:
     files = {name: path.read_bytes() for name, path in leaf.files.items()}
     return leaf.load(files, {**leaf.values, **leaf.context})
+
+
+def area(scores: list[ShapeScore | None]) -> float:
+    """Mean over thresholds of the IoU of all counts together; NaN where nothing is annotated."""
+    known = [one for one in scores if one is not None]
+    if not known:
+        return float("nan")
+    kinds = ("true_positives", "false_positives", "false_negatives")
+    true, false, missed = (np.sum([getattr(one, kind) for one in known], axis=0) for kind in kinds)
+    return float((true / np.maximum(true + false + missed, 1)).mean())
