@@ -62,12 +62,12 @@ def clean(vertices: np.ndarray, faces: np.ndarray, shape: str) -> Clean:
         raise ValueError(f"{shape}: expected faces with an area, got {len(faces)} that are all degenerate or non-finite; {advice}")
 
     frame = check_frame(Frame.around(vertices[_used(faces[candidates], len(vertices))]), shape)
-    solid = candidates[_height(frame.unit(vertices), faces[candidates]) > THIN]
+    solid = candidates[heights(frame.unit(vertices), faces[candidates]) > THIN]
     if len(solid):
         # A face of no height may have reached far out: measure heights again in the frame of what has some.
         inner = check_frame(Frame.around(vertices[_used(faces[solid], len(vertices))]), shape)
         if inner.scale < frame.scale:
-            solid = candidates[_height(inner.unit(vertices), faces[candidates]) > THIN]
+            solid = candidates[heights(inner.unit(vertices), faces[candidates]) > THIN]
         frame = check_frame(Frame.around(vertices[_used(faces[solid], len(vertices))]), shape)
     else:
         raise ValueError(f"{shape}: expected faces with an area, got {len(faces)} that are all degenerate; {advice}")
@@ -126,8 +126,8 @@ def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("fx,fx->f", normal, normal)) / 2
 
 
-def _height(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The shortest height of each face: twice its area by its longest side."""
+def heights(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The shortest height of each face, (f,): twice its area by its longest side. vertices (v, 3) float64."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     sides = (a - b, b - c, c - a)
     longest = np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides]))

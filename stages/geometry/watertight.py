@@ -2,8 +2,9 @@
 
 After ManifoldPlus (Huang, Zhou, Guibas 2020): the boundary of what the outside reaches, moved back to the surface. Here that boundary
 is a level of the distance to the soup, on a grid, cut by marching tetrahedra (Doi and Koide 1991), whose result is a manifold whatever
-the field. No kept library does it: point-cloud-utils' port of Manifold (2018) did not come back from a single triangle within ten
-minutes and lies half a cell off; pymeshlab is GPL; manifold3d refuses soups.
+the field; manifold3d then takes away the vertices that flat places do not need, and keeps it one. No kept library does all of it:
+manifold3d refuses soups; point-cloud-utils' port of Manifold (2018) did not come back from a single triangle within ten minutes and
+lies half a cell off; pymeshlab is GPL.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
+from stages.geometry.cleaning import THIN, heights
 from stages.geometry.nearest import cover, nearest_on_faces
 
 LEAK = np.sqrt(3) / 2
@@ -22,6 +24,8 @@ REST = 0.05
 """Share of what a vertex is farther off than that which it keeps: vertices above each other do not meet."""
 CUT = 0.1
 """Least share of an edge on either side of a cut: no triangle is degenerate."""
+FLAT = (0.1, 0.05, 0.025)
+"""How far, in cells, simplifying may move the surface: the first of these that leaves no face degenerate."""
 CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 TETRAHEDRA = np.array([[0, 4, 6, 7], [0, 4, 5, 7], [0, 2, 6, 7], [0, 2, 3, 7], [0, 1, 5, 7], [0, 1, 3, 7]])
 """Six to a cell, around its diagonal (Kuhn 1960); rows index `CORNERS`."""
@@ -32,7 +36,7 @@ def watertight(vertices: np.ndarray, faces: np.ndarray, resolution: int) -> tupl
 
     vertices (v, 3), faces (f, 3) with an area each, unit frame; `resolution`: grid cells along the longest side. What is
     inside, and cannot be seen from without, is gone; gaps and holes narrower than some 1.7 cells are closed; an open sheet
-    becomes a thin solid. Vertices lie within a fifth of a cell of the soup. Deterministic.
+    becomes a thin solid. Vertices lie within a fifth of a cell of the soup; flat places have few. Deterministic.
     """
     cell = 1.0 / resolution
     used = vertices[np.unique(faces)].astype(np.float64)
@@ -44,7 +48,21 @@ def watertight(vertices: np.ndarray, faces: np.ndarray, resolution: int) -> tupl
     on, distance = nearest_on_faces(points, vertices, faces)
     foot = on.points.astype(np.float64)
     kept = SKIN * cell + REST * np.maximum(distance - SKIN * cell, 0)
-    return (foot + (points - foot) * (kept / np.maximum(distance, kept))[:, None]).astype(np.float32), triangles
+    points = foot + (points - foot) * (kept / np.maximum(distance, kept))[:, None]
+    return _simplified(points.astype(np.float32), triangles, cell)
+
+
+def _simplified(points: np.ndarray, triangles: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """The closed surface with some twentieth of its faces; as it is where that cannot be had without degenerate ones."""
+    from manifold3d import Manifold, Mesh
+
+    whole = Manifold(Mesh(points, triangles.astype(np.uint32)))
+    for tolerance in FLAT:
+        made = whole.simplify(tolerance * cell).to_mesh()
+        vertices, faces = np.asarray(made.vert_properties, np.float32)[:, :3], np.asarray(made.tri_verts).astype(np.int32)
+        if len(faces) and heights(vertices.astype(np.float64), faces).min() > THIN:
+            return np.ascontiguousarray(vertices), faces
+    return points, triangles
 
 
 def uneven_edges(faces: np.ndarray) -> int:
