@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline.run import Run
+from pipeline.run import Report, Run
 from schemas.parts import PartTable
 
 
@@ -38,3 +38,17 @@ def run_parts(run: Run) -> PartTable:
         raise ValueError(f'run {run.name}: expected score_parts among its stages, got none; set outputs = ["score_parts"]')
     found = ((s.category, draw, s.id, a) for s, draw, a in run.collect("score_parts") if isinstance(a, PartScore) and draw is not None)
     return part_table(run.name, found)
+
+
+def after_run(run: Run, report: Report, console: Console) -> None:
+    """Print the part table after a run that scores parts, and keep it as JSON beside the run's manifest."""
+    from stages.scoring.parts import render
+
+    if "score_parts" not in run.config.stages:
+        return
+    try:
+        table = run_parts(run)
+    except ValueError:
+        return
+    (run.folder / "parts.json").write_text(table.model_dump_json(indent=1))
+    console.print(render(table))

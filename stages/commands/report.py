@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from pipeline.plan import State
 from pipeline.run import Run
 
 
@@ -24,11 +25,17 @@ def report(
     ] = None,
     details: Annotated[int, typer.Option(min=0, metavar="N", help="At most N shapes with a 3D view (about 1 MB each).")] = 500,
 ) -> None:
-    """One HTML page: score curves, a table of shapes, 3D views with keypoints and features, stage timings, failures."""
+    """One HTML page: score curves, a table of shapes, 3D views with keypoints and features, stage timings, failures.
+
+    A run file with a [sweep] or [variants] table also gets the comparison page of what is stored of them.
+    """
     from stages.report.writing import write_report
 
     console = Console()
     loaded = Run.load(run, set, store)
+    compared = _compare(console, loaded, run, store)
+    if compared and not any(node.state is State.CACHED for node in loaded.plan().nodes.values()):
+        return   # the run itself was never run, only what is compared
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("shapes", total=None)
         made = write_report(loaded, out, inline, details, draw, lambda done, total: progress.update(task, completed=done, total=total))
@@ -36,3 +43,17 @@ def report(
     console.print(f"wrote {made.page} ({made.page_bytes / 1e6:.1f} MB), 3D views of {views}", highlight=False, soft_wrap=True)
     if made.folder is not None:
         console.print(f"keep {made.folder} ({made.folder_bytes / 1e6:.0f} MB) beside it, or use --inline", highlight=False, soft_wrap=True)
+
+
+def _compare(console: Console, loaded: Run, run: Path, store: str | None) -> bool:
+    """Write the comparison page, where the run file has something to compare."""
+    from stages.commands.series import members
+    from stages.report.comparing import compare
+    from stages.report.comparison import write_comparison
+
+    listed = members(loaded.config)
+    if not listed:
+        return False
+    page = write_comparison(loaded.config, compare(run, listed, store), loaded.folder)
+    console.print(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)", highlight=False, soft_wrap=True)
+    return True

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from schemas.scores import ClassScores, ScoreTable
     from stages.scoring.summary import Row
 
+VARIANTS = "variants"
+
 
 @dataclass(frozen=True)
 class Member:
@@ -27,6 +29,8 @@ class Member:
     overrides: tuple[str, ...]
     series: str = ""
     """What its table is called: the swept field, or "variants"."""
+    own: tuple[str, ...] = ()
+    """Of `overrides`, those that no other member has."""
 
 
 def members(config: Config) -> list[Member]:
@@ -38,10 +42,11 @@ def members(config: Config) -> list[Member]:
     found = []
     for field, values in config.file.sweep.items():
         for value in map(json.dumps, values):
-            found.append(Member(f"{field} = {value}", (*config.overrides, f"{field}={value}", name), field))
+            own = f"{field}={value}"
+            found.append(Member(f"{field} = {value}", (*config.overrides, own, name), field, (own,)))
     for variant, fields in config.file.variants.items():
-        sets = (f"{field}={json.dumps(value)}" for field, value in fields.items())
-        found.append(Member(variant, (*config.overrides, *sets, name), "variants"))
+        sets = tuple(f"{field}={json.dumps(value)}" for field, value in fields.items())
+        found.append(Member(variant, (*config.overrides, *sets, name), VARIANTS, sets))
     return found
 
 

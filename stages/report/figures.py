@@ -44,7 +44,8 @@ def score_curves(table: ScoreTable, quoted: bool = True) -> go.Figure:
 def curve_layout(largest: float) -> dict[str, Any]:
     """Axes and legend of IoU over threshold, up to the largest threshold."""
     return {
-        "template": "none", "height": 430, "margin": {"l": 48, "r": 8, "t": 8, "b": 44}, "hovermode": "closest", "hoverlabel": {"align": "left"},
+        "template": "none", "height": 430, "margin": {"l": 48, "r": 8, "t": 8, "b": 44}, "hovermode": "closest",
+        "hoverlabel": {"align": "left"},
         "xaxis": {"title": {"text": "threshold"}, "range": [0, largest * 1.02], "zeroline": False, "tickformat": ".2f"},
         "yaxis": {"title": {"text": "IoU"}, "range": [0, 1], "zeroline": False}, "legend": {"orientation": "h", "x": 0, "y": -0.17},
     }

@@ -6,6 +6,8 @@ import colorsys
 
 GOLDEN_ANGLE = 137.508   # degrees: neighbouring ids get far-apart hues
 IDS = 64
+CLASSES = ("#3b8fd0", "#e06b1f", "#1fa37a", "#cc79a7", "#d9a21b", "#7f8c3b", "#9a7fd1", "#b0802f")
+COLORS = len(CLASSES)   # classes that are told apart by colour alone
 
 
 def id_color(number: int) -> str:
@@ -19,8 +21,7 @@ def id_color(number: int) -> str:
 
 def class_color(place: int) -> str:
     """`#rrggbb` of the class at this place of the list; near Okabe and Ito's (2008) for colour-blind readers, legible on dark, too."""
-    colors = ("#3b8fd0", "#e06b1f", "#1fa37a", "#cc79a7", "#d9a21b", "#7f8c3b", "#9a7fd1", "#b0802f")
-    return colors[place % len(colors)]
+    return CLASSES[place % COLORS]
 
 
 def rgb(color: str) -> tuple[int, int, int]:

@@ -52,6 +52,10 @@ class QuotedParts:
     mean: float
     quoted: str = f"{SOURCE}, Tab. label-transfer-results"
 
+    def of(self, category: str) -> float | None:
+        """Of one class; None where the paper has none of that name."""
+        return dict(zip(PART_CLASSES, self.iou, strict=True)).get(category)
+
 
 B2_3D = QuotedCurve("B2-3D", (0.12, 0.20, 0.36, 0.46, 0.53, 0.58, 0.62, 0.64, 0.67, 0.69, 0.71), "hungarian-baseline")
 HUNGARIAN = QuotedCurve("Hungarian", (0.08, 0.13, 0.23, 0.31, 0.37, 0.42, 0.47, 0.50, 0.53, 0.55, 0.58), "hungarian-baseline")
