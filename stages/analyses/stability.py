@@ -49,7 +49,7 @@ def views_of(rings: int) -> int:
 AXES = {
     "stages.render.rings": Axis("number of views", "views", " views", views_of, upright=(50, "paper: converges near 50")),
     "stages.render.distance_factor": Axis(
-        "camera's distance, in least distances at which the whole shape is seen", "distance", " least distances"
+        "camera's distance, × the least at which the whole shape is seen", "distance", " × the least distance"
     ),
     "stages.render.azimuth_offset": Axis(
         "rotation about the up axis, degrees", "degrees", "°", ticks=15, across=(0.99, "paper: always above .99")
@@ -120,17 +120,17 @@ def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
             line={"color": color, "width": 2.5, "dash": dash}, customdata=table[sd].tolist(),
             hovertemplate="%{x:.4g}: %{y:.4f} ± %{customdata:.4f}<extra>" + title + "</extra>",
         )  # fmt: skip
-    grey, words = {"color": SOFT, "dash": "dash", "width": 1.5}, {"color": SOFT}
+    low = max(float((table["centred"] - table["centred sd"]).min()) - 0.03, -1)
+    grey = {"color": SOFT, "dash": "dash", "width": 1.5}
     if axis.across is not None:
         at, says = axis.across
-        figure.add_hline(at, line=grey, annotation={"text": says, "font": words}, annotation_position="bottom right")
+        figure.add_scatter(x=[x.min(), x.max()], y=[at, at], mode="lines", line=grey, name=says, hoverinfo="skip")
     if axis.upright is not None:
         at, says = axis.upright
-        figure.add_vline(at, line=grey, annotation={"text": says, "font": words}, annotation_position="bottom right")
+        figure.add_scatter(x=[at, at], y=[low, 1], mode="lines", line=grey, name=says, hoverinfo="skip")
     diamond = {"symbol": "diamond", "size": 11, "color": "#1b2230"}
     figure.add_scatter(x=[reference], y=[1], mode="markers", marker=diamond, name="reference", hoverinfo="skip")
-    low = float((table["centred"] - table["centred sd"]).min())
-    figure.update_yaxes(range=[max(low - 0.03, -1), 1.02])
+    figure.update_yaxes(range=[low, 1.02])
     figure.update_xaxes(dtick=axis.ticks)
     return finish(figure, axis.title, f"similarity to the features at {reference:g}{axis.unit}")
 
