@@ -177,9 +177,9 @@ def _changes(member: Member) -> dict[str, str]:
 
 
 def _alike(reference: System, systems: list[System]) -> bool:
-    """Whether a reference shows what the group shows: keypoints or parts."""
-    kinds = {system.parts is not None for system in systems if system.shown}
-    return (reference.parts is not None) in kinds or not reference.shown
+    """Whether a reference shows what the group shows: keypoints, or parts."""
+    about_parts = any(system.parts is not None for system in systems)
+    return (reference.parts is not None) == about_parts
 
 
 def _plain(system: System) -> dict[str, Any]:

@@ -141,7 +141,9 @@ def _keypoint_line(system: System) -> dict[str, Any]:
     if system.scores is not None:
         mean = system.scores.mean
         iou = [ratio(_at(mean, threshold), 2) for threshold in SHOWN]
-        line["cells"] = [*iou, _spread(mean.auc, mean.draws), ratio(mean.pck.mean[-1], 2), brief(system.seconds)]
+        nameless = mean.presence.recall.mean == 0   # a detector's keypoints have no ids
+        pck = "–" if nameless else ratio(mean.pck.mean[-1], 2)
+        line["cells"] = [*iou, _spread(mean.auc, mean.draws), pck, brief(system.seconds)]
     return line
 
 
