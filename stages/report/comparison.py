@@ -13,7 +13,7 @@ from schemas.parts import PartTable
 from schemas.scores import ClassScores, Spread
 from stages.report.comparing import Comparison, System
 from stages.report.figures import MEAN, add_curve, add_quoted, curve_layout
-from stages.report.page import AT, as_json
+from stages.report.page import AT, as_json, few
 from stages.report.palette import COLORS, class_color
 from stages.scoring.quoted import B2_3D, CURVES, PARTS, STATEMENTS, QuotedCurve, QuotedParts, statements_of
 
@@ -48,7 +48,7 @@ def render_comparison(config: Config, comparison: Comparison) -> str:
     environment = Environment(loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return environment.get_template("comparison.html").render(
         name=config.file.name, groups=groups, source=B2_3D.source, protocol=_protocol(shown), comparison=comparison,
-        line=f"{config.dataset.kind} · {shots.count} shots, {len(shots.draws)} draws · {len(shown)} of {len(comparison.systems)} systems",
+        line=f"{config.dataset.kind} · {few(shots)} · {len(shown)} of {len(comparison.systems)} systems",
         unsaid=[statement for statement in STATEMENTS if statement not in said], systems=comparison.systems,
         style=Markup(_static("report.css")), theme_script=Markup(_static("theme.js")), script=Markup(_static("comparison.js")),
         plotly=Markup(get_plotlyjs()) if data["figures"] else "", data=Markup(as_json(data)), version=version("b23d"),

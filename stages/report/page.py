@@ -11,6 +11,7 @@ from typing import Any
 
 from pipeline.plan import Plan
 from pipeline.run import Run
+from schemas.runfile import Shots
 from schemas.scores import ClassScores, ScoreTable
 from stages.report.gathering import Quarantined
 from stages.report.palette import IDS, class_color, id_color
@@ -82,7 +83,7 @@ def cards(rows: list[dict[str, Any]], table: ScoreTable | None, stage_costs: lis
     if table is not None:
         mean = table.mean
         note = "mean over classes" if len(table.classes) > 1 else next(iter(table.classes))
-        found.append({"label": "AUC 0 … .10", "value": _figure(mean.auc.mean), "note": f"± {mean.auc.sd:.3f} over {mean.draws} draws"})
+        found.append({"label": "AUC 0 … .10", "value": _figure(mean.auc.mean), "note": _spread(mean)})
         for place in AT[1:]:
             if place < len(mean.iou.mean):
                 found.append({"label": f"IoU {_threshold(mean, place)}", "value": _figure(mean.iou.mean[place], 2), "note": note})
@@ -108,7 +109,7 @@ def score_lines(table: ScoreTable) -> dict[str, Any]:
         iou = [_figure(curve.iou[place], 2) for place in places]
         lines.append({"name": f"{curve.system}, paper", "auc": _figure(curve.auc), "iou": iou, "quoted": True})
     at = [_threshold(table.mean, place) for place in places]
-    return {"lines": lines, "draws": table.mean.draws, "at": at, "protocol": table.protocol}
+    return {"lines": lines, "draws": counted(table.mean.draws, "draw"), "at": at, "protocol": table.protocol}
 
 
 def cost_lines(stage_costs: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -125,6 +126,16 @@ def cost_lines(stage_costs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def counted(number: int, thing: str) -> str:
+    """1 draw, 5 draws, 2 classes."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}{'es' if thing.endswith('s') else 's'}"
+
+
+def few(shots: Shots) -> str:
+    """3 shots, 5 draws."""
+    return f"{counted(shots.count, 'shot')}, {counted(len(shots.draws), 'draw')}"
+
+
 def duration(seconds: float) -> str:
     """12 s, 3 min 20 s, 4 h 5 min."""
     if seconds < 60:
@@ -135,10 +146,15 @@ def duration(seconds: float) -> str:
 
 def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -> dict[str, Any]:
     return {
-        "name": name, "color": color, "targets": scores.targets, "auc": f"{_figure(scores.auc.mean)} ± {_figure(scores.auc.sd)}",
+        "name": name, "color": color, "targets": scores.targets,
+        "auc": _figure(scores.auc.mean) + (f" ± {_figure(scores.auc.sd)}" if scores.draws > 1 else ""),
         "iou": [_figure(scores.iou.mean[place], 2) for place in places], "pck": _figure(scores.pck.mean[places[-1]], 2),
         "ceiling": _figure(scores.ceiling, 2),
     }
+
+
+def _spread(scores: ClassScores) -> str:
+    return f"± {scores.auc.sd:.3f} over {scores.draws} draws" if scores.draws > 1 else "1 draw of shots"
 
 
 def _figure(value: float, digits: int = 3) -> str:
@@ -153,11 +169,11 @@ def _threshold(scores: ClassScores, place: int) -> str:
 def _run(run: Run, rows: list[dict[str, Any]]) -> dict[str, Any]:
     shots = run.config.file.shots
     classes = len({row["category"] for row in rows})
-    line = f"{run.config.dataset.kind} · {len(rows)} shapes of {classes} classes · {shots.count} shots, {len(shots.draws)} draws"
+    line = f"{run.config.dataset.kind} · {counted(len(rows), 'shape')} of {counted(classes, 'class')} · {few(shots)}"
     encoder = getattr(run.config.params.get("extract"), "encoder", None)
     made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
     return {
-        "name": run.name, "shots": shots.count, "line": f"{line} · {encoder}" if encoder else line, "made": made,
+        "name": run.name, "shots": counted(shots.count, "shot"), "line": f"{line} · {encoder}" if encoder else line, "made": made,
         "version": version("b23d"),
         "location": f"run file {run.config.path.name}" + "".join(f", --set {text}" for text in run.config.overrides),
     }
