@@ -70,6 +70,7 @@ def run_series(
         rows = score_rows(loaded, limit)
         auc = score_table(loaded.name, None, rows).mean.auc.mean
         console.print(f"[dim]{member.label}: ran {ran} in {report.seconds:.0f} s, AUC {auc:.3f}[/]{failed}", highlight=False)
+        console.file.flush()  # hours of them may go to a file
         found.append((member.label, loaded.name, {row[:3]: row for row in rows}))
     shared = set.intersection(*(set(rows) for _, _, rows in found))
     if lost := max(len(rows) for _, _, rows in found) - len(shared):
