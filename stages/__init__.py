@@ -3,6 +3,7 @@
 from stages import (
     apply_head,
     backproject,
+    calibrate,
     datasets,
     describe,
     detect,
@@ -22,6 +23,7 @@ from stages import (
 __all__ = [
     "apply_head",
     "backproject",
+    "calibrate",
     "datasets",
     "describe",
     "detect",

@@ -38,7 +38,7 @@ draws = [0, 1]
 root = "{store}"
 [variants]
 "B2-3D" = {{}}
-"baselines/FPS" = {{"feeds.optimize" = "detect", "stages.detect.method" = "farthest"}}
+"baselines/FPS" = {{"feeds.optimize" = "detect", "stages.calibrate.method" = "farthest"}}
 "encoders/SAM gone" = {{"stages.extract.encoder" = "sam-vit-base", "stages.extract.weights" = "nowhere"}}
 "assignment/Hungarian" = {{"stages.optimize.method" = "hungarian"}}
 "shots/5 shots" = {{"shots.count" = 5}}

@@ -13,8 +13,9 @@ from pipeline.run import Run
 from schemas.features import GeodesicDistances
 from schemas.keypoints import Prediction
 from schemas.shape import Keypoints, NormalizedShape
+from stages.calibrate import CalibrateParams, calibrate
 from stages.detect import DetectParams, detect
-from stages.detectors.calibration import AnnotatedShot, average_count, calibrate
+from stages.detectors.calibration import AnnotatedShot, average_count, choose
 from stages.detectors.farthest import farthest
 from stages.detectors.harris3d import harris3d
 from stages.detectors.iss import iss
@@ -32,7 +33,7 @@ FED = """
 optimize = "detect"
 [stages.normalize]
 count = 256
-[stages.detect]
+[stages.calibrate]
 method = "{method}"
 sift_min_scale = 0.08
 sift_min_contrast = 0
@@ -51,7 +52,8 @@ def annotated(shape: NormalizedShape, places: Any) -> Shot:
 
 def run(shot: Shot, target: Shot | None = None, **params: Any) -> Prediction:
     shape, distances, _ = target or shot
-    return detect(shape, distances, [shot[0]], [shot[1]], [shot[2]], DetectParams(**params))
+    detector = calibrate([shot[0]], [shot[1]], [shot[2]], CalibrateParams(**params))
+    return detect(shape, distances, detector, DetectParams())
 
 
 def grid_cube(side: int = 13) -> tuple[np.ndarray, np.ndarray]:
@@ -213,11 +215,11 @@ def test_calibration_finds_the_scale_and_the_count_that_fit() -> None:
     def rank(at: np.ndarray, scale: float) -> np.ndarray:
         return np.array(orders[scale])
 
-    choice = calibrate([shot], rank, [1.0, 4.0, 2.0], 0.01)
+    choice = choose([shot], rank, [1.0, 4.0, 2.0], 0.01)
     assert (choice.scale, choice.count, choice.iou) == (2.0, 3, 1.0)
-    assert calibrate([shot], rank, [1.0], 0.01).count == 4 and calibrate([shot], rank, [1.0], 0.01).iou == 0.75
-    assert calibrate([shot], rank, [1.0], 0.01, count=2).iou == pytest.approx(1 / 4)
-    assert calibrate([shot], lambda at, scale: np.zeros(0, np.int64), [1.0], 0.01).iou == 0
+    assert choose([shot], rank, [1.0], 0.01).count == 4 and choose([shot], rank, [1.0], 0.01).iou == 0.75
+    assert choose([shot], rank, [1.0], 0.01, count=2).iou == pytest.approx(1 / 4)
+    assert choose([shot], lambda at, scale: np.zeros(0, np.int64), [1.0], 0.01).iou == 0
 
 
 @pytest.mark.parametrize("method", DETECTORS)
@@ -258,6 +260,7 @@ def test_a_run_is_fed_and_scored_without_names(tmp_path: Path, method: str) -> N
     loaded = Run.load(path)
     report = loaded.execute(workers=0)
     assert report.ok, report.failures
+    assert len({node.address for node in loaded.plan().nodes.values() if node.stage == "calibrate"}) == 1, "one draw, calibrated once"
     table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in loaded.collect("score")])   # type: ignore[misc]
     assert table.mean.pck.mean[-1] == 0 and table.mean.symmetric_pck.mean[-1] == 0 and table.mean.presence.recall.mean == 0
     assert table.mean.iou.mean == sorted(table.mean.iou.mean)

@@ -8,6 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from schemas.features import GeodesicDistances
+from schemas.shape import Keypoints, NormalizedShape
+from stages.geometry.keypoints import keypoint_candidates
+
 MOST = 3
 """Numbers up to this many times the average of the shots are tried."""
 
@@ -33,7 +37,15 @@ def average_count(annotated: Sequence[int]) -> int:
     return max(1, int(np.floor(np.mean(annotated) + 0.5)))
 
 
-def calibrate(
+def annotated_shot(name: str, shape: NormalizedShape, geodesic: GeodesicDistances, keypoints: Keypoints) -> AnnotatedShot:
+    """A shot as calibration sees it. Raises ValueError: distances that do not fit the candidates, a keypoint beyond the cloud."""
+    if len(geodesic.distances) != len(shape.points):
+        raise ValueError(f"{name}: expected distances of {len(shape.points)} candidates, got {len(geodesic.distances)}; re-run geodesic")
+    at = keypoint_candidates(keypoints, shape, name)
+    return AnnotatedShot(shape.points.astype(np.float64), geodesic.distances[:, at])
+
+
+def choose(
     shots: Sequence[AnnotatedShot],
     rank: Callable[[np.ndarray, float], np.ndarray],
     scales: Sequence[float],
