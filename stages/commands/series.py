@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from pipeline.config import Config
@@ -63,13 +64,13 @@ def run_series(
     found: list[tuple[str, str, dict[tuple[str, Hashable, str], Row]]] = []
     for member in members:
         loaded = Run.load(run, member.overrides, store)
-        with console.status(f"{member.label}: running"):
+        with console.status(f"{escape(member.label)}: running"):
             report = loaded.execute(workers, limit=limit)
         ran = ", ".join(sorted({outcome.stage for outcome in report.done}, key=list(loaded.config.stages).index)) or "nothing"
         failed = f"; [red]{len(report.failures)} failed, {report.blocked} blocked[/]" if not report.ok else ""
         rows = score_rows(loaded, limit)
         auc = score_table(loaded.name, None, rows).mean.auc.mean
-        console.print(f"[dim]{member.label}: ran {ran} in {report.seconds:.0f} s, AUC {auc:.3f}[/]{failed}", highlight=False)
+        console.print(f"[dim]{escape(member.label)}: ran {ran} in {report.seconds:.0f} s, AUC {auc:.3f}[/]{failed}", highlight=False)
         console.file.flush()  # hours of them may go to a file
         found.append((member.label, loaded.name, {row[:3]: row for row in rows}))
     shared = set.intersection(*(set(rows) for _, _, rows in found))
@@ -90,7 +91,7 @@ def series_table(title: str, found: list[tuple[str, ScoreTable]]) -> Table:
         delta = "" if last is None else f"{mean.auc.mean - last:+.3f}"
         each = [f"{scores.classes[name].auc.mean:.3f}" for name in classes]
         at = [f"{_at(mean, threshold):.3f}" for threshold in (0.02, 0.05, 0.10)]
-        table.add_row(label, *at, f"{mean.auc.mean:.3f} ± {mean.auc.sd:.3f}", delta, f"{mean.pck.mean[-1]:.3f}", *each)
+        table.add_row(escape(label), *at, f"{mean.auc.mean:.3f} ± {mean.auc.sd:.3f}", delta, f"{mean.pck.mean[-1]:.3f}", *each)
         last = mean.auc.mean
     return table
 
