@@ -18,8 +18,8 @@ from schemas.scores import ClassScores, Curve, Presence, ScoreTable, Spread
 from stages.commands.series import Member, members
 from stages.commands.sweep import choose
 from stages.report.comparing import Comparison, System, compare
-from stages.report.comparison import comparison_curves, keypoint_lines, render_comparison
-from stages.scoring.quoted import B2_3D, HUNGARIAN
+from stages.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison
+from stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
 from tests.small_runs import FAST
 
 plug_in()
@@ -132,6 +132,8 @@ LISTED = members(load_config(PAPER))
 def test_every_variant_of_the_papers_table_is_valid(member: Member) -> None:
     config = load_config(PAPER, member.overrides)
     assert ("score_parts" if member.label.startswith("parts/") else "score") in config.stages
+    if "detect" in config.stages:
+        assert "extract" not in config.stages, "a detector's seconds are its own"
 
 
 def test_the_papers_table_has_the_papers_systems_and_other_data_sets() -> None:
@@ -171,6 +173,13 @@ def scores(level: float) -> ScoreTable:
         presence=Presence(precision=spread, recall=spread), ceiling=1.0, annotation_files=[],
     )  # fmt: skip
     return ScoreTable(run="x", protocol="made up", classes={"chair": row}, mean=row)
+
+
+def test_a_group_of_parts_that_has_none_shows_the_papers() -> None:
+    systems = [System("B2-3D", "", scores=scores(0.9)), System("parts/x", "parts", kind="parts", reason="no part labels")]
+    assert Comparison(systems).groups()["parts"] == systems[1:]
+    lines = part_lines(systems[1:])
+    assert lines["classes"] == list(PART_CLASSES) and lines["lines"][0]["cells"] == [] and len(lines["lines"]) == 1 + len(PARTS)
 
 
 def many() -> list[System]:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from pipeline.config import feeding
 from pipeline.errors import B23dError
@@ -36,6 +36,8 @@ class System:
     label: str
     group: str
     """What stands before the first "/" of the label; "" for a reference, which every group shows."""
+    kind: Literal["keypoints", "parts"] = "keypoints"
+    """What it predicts."""
     changes: dict[str, str] = field(default_factory=dict)
     """What sets it apart: dotted field → value."""
     scores: ScoreTable | None = None
@@ -74,7 +76,7 @@ class Comparison:
         return {name: [*(r for r in references if _alike(r, systems)), *systems] for name, systems in of.items()}
 
     def as_json(self) -> str:
-        """[{"system", "group", "changes", "seconds", "reason", "note", "scores", "parts"}]; scores as `b23d scores --json` prints them."""
+        """A list of {system, group, kind, changes, seconds, reason, note, scores, parts}; scores as `b23d scores --json` prints them."""
         return json.dumps([_plain(system) for system in self.systems], indent=1)
 
 
@@ -115,9 +117,11 @@ def _system(path: Path, member: Member, store: str | None, limit: int | None) ->
     from stages.commands.parts import run_parts
     from stages.commands.scores import score_rows
 
-    system = System(member.label, group_of(member), _changes(member))
+    system = System(member.label, group_of(member), changes=_changes(member))
     try:
         run = Run.load(path, member.overrides, store)
+        if "score_parts" in run.config.stages and "score" not in run.config.stages:
+            system = replace(system, kind="parts")
         plan = run.plan(limit)
     except UNUSABLE as error:
         return replace(system, reason=reason_of(error)), []
@@ -178,13 +182,13 @@ def _changes(member: Member) -> dict[str, str]:
 
 def _alike(reference: System, systems: list[System]) -> bool:
     """Whether a reference shows what the group shows: keypoints, or parts."""
-    about_parts = any(system.parts is not None for system in systems)
-    return (reference.parts is not None) == about_parts
+    return any(system.kind == reference.kind for system in systems)
 
 
 def _plain(system: System) -> dict[str, Any]:
     scores, parts = system.scores, system.parts
     return {
-        "system": system.name, "group": system.group, "changes": system.changes, "seconds": system.seconds, "reason": system.reason,
-        "note": system.note, "scores": scores and scores.model_dump(mode="json"), "parts": parts and parts.model_dump(mode="json"),
+        "system": system.name, "group": system.group, "kind": system.kind, "changes": system.changes, "seconds": system.seconds,
+        "reason": system.reason, "note": system.note, "scores": scores and scores.model_dump(mode="json"),
+        "parts": parts and parts.model_dump(mode="json"),
     }  # fmt: skip

@@ -15,7 +15,7 @@ from stages.report.comparing import Comparison, System
 from stages.report.figures import MEAN, add_curve, add_quoted, curve_layout
 from stages.report.page import AT, as_json, few
 from stages.report.palette import COLORS, class_color
-from stages.scoring.quoted import B2_3D, CURVES, PARTS, STATEMENTS, QuotedCurve, QuotedParts, statements_of
+from stages.scoring.quoted import B2_3D, CURVES, PART_CLASSES, PARTS, STATEMENTS, QuotedCurve, QuotedParts, statements_of
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -86,7 +86,7 @@ def keypoint_lines(systems: list[System]) -> list[dict[str, Any]]:
 def part_lines(systems: list[System]) -> dict[str, Any]:
     """Part transfer: classes as columns, a line a system in percent, then the paper's rows, marked as quoted."""
     tables = [system.parts for system in systems if system.parts is not None]
-    classes = sorted({name for table in tables for name in table.classes})
+    classes = sorted({name for table in tables for name in table.classes}) or list(PART_CLASSES)
     lines: list[dict[str, Any]] = [
         {
             "name": system.name, "note": system.note, "reason": system.reason, "says": [], "seconds": brief(system.seconds),
@@ -112,7 +112,7 @@ def brief(seconds: float | None) -> str:
 
 
 def _group(name: str, systems: list[System]) -> dict[str, Any]:
-    about_parts = any(system.parts is not None for system in systems)
+    about_parts = any(system.kind == "parts" for system in systems)
     scored = any(system.scores is not None for system in systems)
     drawn = json.loads(str(comparison_curves(systems, _quoted(systems)).to_json())) if scored else None
     return {

@@ -10,7 +10,7 @@ from rich.table import Table
 from stages.report.comparing import Comparison
 from stages.report.comparison import COLUMNS, keypoint_lines, part_lines
 
-LONGEST = 60
+LONGEST = 110
 
 
 def comparison_tables(comparison: Comparison, labels: Collection[str] | None = None) -> list[Table]:
@@ -20,7 +20,7 @@ def comparison_tables(comparison: Comparison, labels: Collection[str] | None = N
         chosen = [system for system in systems if labels is None or system.label in labels]
         if not any(system.group for system in chosen) and any(system.group for system in systems):
             continue   # references alone
-        if any(system.parts is not None for system in chosen):
+        if any(system.kind == "parts" for system in chosen):
             parts = part_lines(chosen)
             tables.append(_table(f"{name} (IoU in %)", [*parts["classes"], "average"], parts["lines"]))
         else:
