@@ -14,10 +14,12 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from pipeline.address import canonical_json, sha256
 from pipeline.config import Config, feeding, load_config
 from pipeline.dataset import Shape
 from pipeline.errors import ArtifactNotFoundError, RunFileError
 from pipeline.index import Failure, Index
+from pipeline.members import SUFFIX
 from pipeline.plan import Node, Plan, State, make_plan
 from pipeline.scheduler import DaskExecutor, Executor, Frontier, InlineExecutor
 from pipeline.store import Store
@@ -180,7 +182,8 @@ class Run:
         return failed
 
     def _save(self, plan: Plan, report: Report) -> None:
-        """`manifest.json` in the run's folder: what this run is, what it reaches, what failed."""
+        """`manifest.json` in the run's folder: what this run is, what it reaches, what failed. Members of a series share a folder and
+        have one each."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self.index.note_run_file(self.config.path)
         manifest = {
@@ -193,7 +196,8 @@ class Run:
             "draws": {f"{d.category}/{d.seed}": [shot.id for shot in d.shots] for d in plan.draws},
             "failures": [asdict(failure) for failure in report.failures],
         }
-        (self.folder / "manifest.json").write_text(json.dumps(manifest, indent=1))
+        name = f"manifest-{sha256(canonical_json(manifest['overrides']))[:12]}" if self.name.endswith(SUFFIX) else "manifest"
+        (self.folder / f"{name}.json").write_text(json.dumps(manifest, indent=1))
         self.__dict__.pop("_plan", None)
 
 

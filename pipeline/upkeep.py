@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.config import load_config
+from pipeline.errors import B23dError
+from pipeline.members import SUFFIX, members
 from pipeline.plan import State
 from pipeline.run import Run
 from pipeline.store import Store
@@ -45,20 +48,24 @@ def verify(run: Run, watch: Callable[[int, int], None] = lambda done, total: Non
 
 
 def reached(run_files: Iterable[Path], store: Store) -> set[tuple[str, str]]:
-    """(stage, address) of everything that run files over this store reach: as they stand, and as last executed (with
-    overrides, by the manifest in the run's folder).
+    """(stage, address) of everything that run files over this store reach: as they stand, members of their series included, and as
+    executed, by the manifests in their folders: the last execution of the run itself, every one of its series.
 
-    Raises what reading a run file raises: a run file that cannot be read must not lose its artifacts.
+    Raises what reading a run file raises: a run file that cannot be read must not lose its artifacts. A member whose weights
+    cannot be had just now keeps what its manifest says.
     """
     found: set[tuple[str, str]] = set()
     for path in run_files:
         run = Run(load_config(path))
         if run.store.root == store.root:
             found |= set(run.plan().nodes)
-        manifest = run.folder / "manifest.json"
-        if manifest.exists():
-            addresses = json.loads(manifest.read_text())["addresses"]
-            found |= {(stage, address) for stage, made in addresses.items() for address in made}
+            for member in members(run.config):
+                with suppress(B23dError, OSError, ValueError):
+                    found |= set(Run.load(path, member.overrides).plan().nodes)
+        for manifest in [run.folder / "manifest.json", *run.folder.with_name(run.folder.name + SUFFIX).glob("manifest-*.json")]:
+            if manifest.exists():
+                addresses = json.loads(manifest.read_text())["addresses"]
+                found |= {(stage, address) for stage, made in addresses.items() for address in made}
     return found
 
 

@@ -10,12 +10,12 @@ import pytest
 
 from pipeline.config import load_config
 from pipeline.errors import RunFileError
+from pipeline.members import members
 from pipeline.run import Run
 from schemas.shape import Keypoints
 from stages.analyses.comparing import centred, cosine, nearer_share, typical_difference
 from stages.analyses.semantic import Described, searches
 from stages.commands.analyse import analyse, analysis_of
-from stages.commands.series import members
 from stages.describe import DescribeParams, describe
 from stages.normalize import NormalizeParams, normalize
 from tests.shared_data import shared

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app, plug_in
 from pipeline.config import load_config
+from pipeline.members import Member, members
 from pipeline.run import Run
 from schemas.scores import ClassScores, Curve, Presence, ScoreTable, Spread
-from stages.commands.series import Member, members
 from stages.commands.sweep import choose
 from stages.report.comparing import Comparison, System, compare
 from stages.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison

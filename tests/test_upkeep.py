@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
 
+from pipeline.config import load_config
 from pipeline.explain import explain
+from pipeline.members import members
 from pipeline.run import Run
 from pipeline.upkeep import garbage, reached, verify
 from tests.toy import make_toy
@@ -69,3 +72,18 @@ def test_gc_drops_only_what_no_run_file_reaches(tmp_path: Path) -> None:
     for item in lost:
         run.store.delete(item.stage, item.address)
     assert Run.load(path).plan().to_run() == []
+
+
+def test_gc_keeps_what_the_members_of_a_sweep_reach(tmp_path: Path) -> None:
+    path = make_toy(tmp_path, extra='[sweep]\n"stages.square.power" = [3, 4]\n')
+    for member in members(load_config(path)):
+        Run.load(path, member.overrides).execute(workers=0)
+    run = Run.load(path)
+    run.execute(workers=0)
+    assert garbage(run.store, reached([path], run.store)) == []
+    make_toy(tmp_path, extra='[sweep]\n"stages.square.power" = [3]\n')
+    assert garbage(run.store, reached([path], run.store)) == []   # still in the manifests of the sweep as executed
+    shutil.rmtree(tmp_path / "toy.sweep")
+    lost = garbage(run.store, reached([path], run.store))
+    dropped = Run.load(path, ["stages.square.power=4"]).plan().nodes
+    assert lost and {(item.stage, item.address) for item in lost} <= set(dropped)

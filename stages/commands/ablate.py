@@ -17,7 +17,8 @@ import typer
 from rich.console import Console
 
 from pipeline.config import Config, load_config
-from stages.commands.series import Member, run_series, series_json, series_plot, series_table
+from pipeline.members import Member
+from stages.commands.series import run_series, series_json, series_plot, series_table
 
 DETOURS = ["stages.optimize.method=discrete", "stages.optimize.presence=all"]
 """By the paper's own objective, solved fast; and absence only once there is evidence of it."""

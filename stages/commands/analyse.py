@@ -23,8 +23,8 @@ from rich.table import Table
 
 from pipeline.config import Config, load_config
 from pipeline.errors import RunFileError
+from pipeline.members import Member, members
 from pipeline.run import Run
-from stages.commands.series import Member, members
 
 if TYPE_CHECKING:
     from stages.analyses.interface import AnalysisParams, Part, Result

@@ -47,7 +47,7 @@ def report(
 
 def _compare(console: Console, loaded: Run, run: Path, store: str | None) -> bool:
     """Write the comparison page, where the run file has something to compare."""
-    from stages.commands.series import members
+    from pipeline.members import members
     from stages.report.comparing import compare
     from stages.report.comparison import write_comparison
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Hashable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,43 +11,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.config import Config
+from pipeline.members import Member
 from pipeline.run import Run
 
 if TYPE_CHECKING:
     from schemas.scores import ClassScores, ScoreTable
     from stages.scoring.summary import Row
-
-VARIANTS = "variants"
-
-
-@dataclass(frozen=True)
-class Member:
-    """One run of a series: what to call it, and what sets it apart."""
-
-    label: str
-    overrides: tuple[str, ...]
-    series: str = ""
-    """What its table is called: the swept field, or "variants"."""
-    own: tuple[str, ...] = ()
-    """Of `overrides`, those that no other member has."""
-
-
-def members(config: Config) -> list[Member]:
-    """The runs that a run file's `[sweep]` and `[variants]` ask for, in the file's order, over the config's own overrides.
-
-    They keep apart from the run itself by their name, `<name>.sweep`; addresses do not know it.
-    """
-    name = f"name={config.file.name}.sweep"
-    found = []
-    for field, values in config.file.sweep.items():
-        for value in map(json.dumps, values):
-            own = f"{field}={value}"
-            found.append(Member(f"{field} = {value}", (*config.overrides, own, name), field, (own,)))
-    for variant, fields in config.file.variants.items():
-        sets = tuple(f"{field}={json.dumps(value)}" for field, value in fields.items())
-        found.append(Member(variant, (*config.overrides, *sets, name), VARIANTS, sets))
-    return found
 
 
 def run_series(

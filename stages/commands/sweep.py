@@ -23,8 +23,8 @@ from rich.markup import escape
 
 from pipeline.config import load_config
 from pipeline.errors import RunFileError
+from pipeline.members import Member, members
 from pipeline.run import Run
-from stages.commands.series import Member, members
 
 
 def sweep(

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pipeline.config import feeding
 from pipeline.errors import B23dError
+from pipeline.members import VARIANTS, Member
 from pipeline.plan import Plan
 from pipeline.run import Run
 from schemas.parts import PartTable
 from schemas.scores import ScoreTable
-from stages.commands.series import VARIANTS, Member
 from stages.report.gathering import failures
 from stages.report.summary import costs
 
