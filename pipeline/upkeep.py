@@ -47,25 +47,33 @@ def verify(run: Run, watch: Callable[[int, int], None] = lambda done, total: Non
         watch(done, len(cached))
 
 
-def reached(run_files: Iterable[Path], store: Store) -> set[tuple[str, str]]:
+def reached(run_files: Iterable[Path], store: Store, besides: Iterable[Path] = ()) -> set[tuple[str, str]]:
     """(stage, address) of everything that run files over this store reach: as they stand, members of their series included, and as
     executed, by the manifests in their folders: the last execution of the run itself, every one of its series.
 
     Raises what reading a run file raises: a run file that cannot be read must not lose its artifacts. A member whose weights
-    cannot be had just now keeps what its manifest says.
+    cannot be had just now keeps what its manifest says. `besides`: run files that have never used the store; they count if they can.
     """
     found: set[tuple[str, str]] = set()
     for path in run_files:
-        run = Run(load_config(path))
-        if run.store.root == store.root:
-            found |= set(run.plan().nodes)
-            for member in members(run.config):
-                with suppress(B23dError, OSError, ValueError):
-                    found |= set(Run.load(path, member.overrides).plan().nodes)
-        for manifest in [run.folder / "manifest.json", *run.folder.with_name(run.folder.name + SUFFIX).glob("manifest-*.json")]:
-            if manifest.exists():
-                addresses = json.loads(manifest.read_text())["addresses"]
-                found |= {(stage, address) for stage, made in addresses.items() for address in made}
+        found |= _reached(path, store)
+    for path in besides:
+        with suppress(B23dError, OSError, ValueError):
+            found |= _reached(path, store)
+    return found
+
+
+def _reached(path: Path, store: Store) -> set[tuple[str, str]]:
+    run, found = Run(load_config(path)), set()
+    if run.store.root == store.root:
+        found |= set(run.plan().nodes)
+        for member in members(run.config):
+            with suppress(B23dError, OSError, ValueError):
+                found |= set(Run.load(path, member.overrides).plan().nodes)
+    for manifest in [run.folder / "manifest.json", *run.folder.with_name(run.folder.name + SUFFIX).glob("manifest-*.json")]:
+        if manifest.exists():
+            addresses = json.loads(manifest.read_text())["addresses"]
+            found |= {(stage, address) for stage, made in addresses.items() for address in made}
     return found
 
 

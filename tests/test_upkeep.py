@@ -87,3 +87,14 @@ def test_gc_keeps_what_the_members_of_a_sweep_reach(tmp_path: Path) -> None:
     lost = garbage(run.store, reached([path], run.store))
     dropped = Run.load(path, ["stages.square.power=4"]).plan().nodes
     assert lost and {(item.stage, item.address) for item in lost} <= set(dropped)
+
+
+def test_gc_refuses_where_a_run_file_that_used_the_store_cannot_be_read_and_skips_others(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    run = Run.load(path)
+    run.execute(workers=0)
+    stranger = tmp_path / "stranger.toml"
+    stranger.write_text(path.read_text().replace('root = "numbers"', 'root = "elsewhere"'))
+    assert garbage(run.store, reached([path], run.store, besides=[stranger])) == []
+    with pytest.raises((ValueError, OSError), match="expected a data set with shapes"):
+        reached([path, stranger], run.store)
