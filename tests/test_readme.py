@@ -63,7 +63,7 @@ def trimesh_of(source: object) -> object:
 def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder as the README's reader has it: run files (made small), their own shapes, KeypointNet."""
     folder = tmp_path_factory.mktemp("readme")
-    shutil.copytree(ROOT / "runs", folder / "runs", ignore=lambda d, names: [n for n in names if not n.endswith((".toml", "variants"))])
+    shutil.copytree(ROOT / "runs", folder / "runs", ignore=lambda d, names: [n for n in names if not n.endswith((".toml", "variants", "analyses"))])
     make_keypointnet(folder / "path" / "to" / "keypointnet")
     shutil.copytree(folder / "path" / "to" / "keypointnet", folder / "data" / "keypointnet")
     shapes = folder / "my-shapes" / "chairs"
@@ -79,10 +79,10 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "my-shapes" / "keypoints.json").write_text(json.dumps(entries[:3]))
     mine = next(block for block in blocks("toml") if "runs/mine.toml" in block).replace('"dinov2-small"', '"efficientnet-lite0"')
     (folder / "runs" / "mine.toml").write_text(mine)
-    for name in ("demo", "keypointnet", "mine"):   # made small: few views, few candidates
+    for name in ("demo", "keypointnet", "mine", "paper-table", "analyses/isometric"):   # made small: few views, few candidates
         path = folder / "runs" / f"{name}.toml"
-        text = re.sub(r"\[stages\.extract\][^\[]*", "", path.read_text())
-        text = re.sub(r"draws = \[[0-9, ]*\]", "draws = [0]", text.replace("count = 8 ", "count = 4 "))
+        text = re.sub(r"^\[stages\.(normalize|render|extract|optimize)\][^\[]*", "", path.read_text(), flags=re.M)
+        text = re.sub(r"draws = \[[0-9, ]*\]", "draws = [0]", re.sub(r"count = 8\b", "count = 4", text))
         path.write_text(text + FAST)
     yield folder
 
