@@ -16,7 +16,7 @@ from stages.solvers.scaling import largest_distance, scale_distances, scale_feat
 from stages.solvers.shots import Shot, Template, combine_shots, smooth_among
 
 if TYPE_CHECKING:
-    from stages.optimize import OptimizeParams
+    from stages.solvers.options import OptimizeParams
 
 
 def pose(
