@@ -63,7 +63,8 @@ def trimesh_of(source: object) -> object:
 def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder as the README's reader has it: run files (made small), their own shapes, KeypointNet."""
     folder = tmp_path_factory.mktemp("readme")
-    shutil.copytree(ROOT / "runs", folder / "runs", ignore=lambda d, names: [n for n in names if not n.endswith((".toml", "variants", "analyses"))])
+    kept = (".toml", "variants", "analyses", "textured-keypoints.json")
+    shutil.copytree(ROOT / "runs", folder / "runs", ignore=lambda d, names: [name for name in names if not name.endswith(kept)])
     make_keypointnet(folder / "path" / "to" / "keypointnet")
     shutil.copytree(folder / "path" / "to" / "keypointnet", folder / "data" / "keypointnet")
     shapes = folder / "my-shapes" / "chairs"
