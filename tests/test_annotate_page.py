@@ -46,7 +46,7 @@ class Annotating:
         self.errors: list[str] = []
         self.requests: list[str] = []
         self.page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
-        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("pageerror", lambda error: self.errors.append(f"{error} {error.stack[:1500]}"))
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(self.server.url)
         self.page.wait_for_function("() => b23d.ready")
