@@ -47,8 +47,7 @@ def mean_field(model: Model, target: Prepared, unary: np.ndarray, params: Poster
     """(k, n) posterior of each keypoint over the candidates: Gaussian deformation prior, unary costs, and geodesic distances to the
     others' present modes; keypoints are updated in turn (Bishop, Pattern Recognition, sec. 10.1)."""
     position = target.position.astype(np.float64)
-    place = model.box * np.maximum(target.sides, THINNEST)
-    covariance = deformation_covariance(model.box, params) * model.gate
+    place, covariance = prior(model, target, params)
     precision = np.linalg.inv(covariance)
     pull = model.pairs * (params.distance_weight / (2 * params.distance_sd**2) / max(len(place) - 1, 1))
     posterior = _normalised(unary + squared(place, position) / (2 * np.diag(covariance)[:, None]))
@@ -61,6 +60,11 @@ def mean_field(model: Model, target: Prepared, unary: np.ndarray, params: Poster
             posterior[i] = _normalised(cost[None])[0]
             deviation[i], mode[i] = posterior[i] @ position - place[i], posterior[i].argmax()
     return posterior
+
+
+def prior(model: Model, target: Prepared, params: PosteriorParams) -> tuple[np.ndarray, np.ndarray]:
+    """Where keypoints are expected (k, 3), and the covariance of their deviations, for each axis (k, k)."""
+    return model.box * np.maximum(target.sides, THINNEST), deformation_covariance(model.box, params) * model.gate
 
 
 def judged_present(model: Model, hits: np.ndarray, least: float) -> npt.NDArray[np.bool_]:

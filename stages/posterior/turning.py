@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stages.posterior.geometry import THINNEST, Prepared, squared
-from stages.posterior.learning import Model, deformation_covariance
+from stages.posterior.learning import Model
 from stages.posterior.options import PosteriorParams
-from stages.posterior.predicting import mean_field, unary_costs
+from stages.posterior.predicting import mean_field, prior, unary_costs
 
 REFINED = 4   # local maxima of the first evidence that are followed up
 
@@ -48,14 +48,14 @@ def in_frame(model: Model, frames: Frames, target: Prepared, params: PosteriorPa
         return target
     angles = np.arange(params.turns) * (2 * np.pi / params.turns)
     candidates = [turned(target, angle) for angle in angles]
-    prior = _log_prior(angles, frames, params)
-    prior -= np.array([((_log_sides(shape) - frames.sides) ** 2).sum() for shape in candidates]) / (2 * params.sides_sd**2)
+    stands = _log_prior(angles, frames, params)
+    stands -= np.array([((_log_sides(shape) - frames.sides) ** 2).sum() for shape in candidates]) / (2 * params.sides_sd**2)
     unaries = [unary_costs(model, shape, params) for shape in candidates]
     alone = [_evidence(model, shape, unary, params) for shape, unary in zip(candidates, unaries, strict=True)]
-    first = prior + np.array(alone) / params.temper
+    first = stands + np.array(alone) / params.temper
     peaks = np.flatnonzero((first >= np.roll(first, 1)) & (first >= np.roll(first, -1)))
     peaks = peaks[np.argsort(-first[peaks], kind="stable")][:REFINED]
-    bounds = [prior[i] + _bound(model, candidates[i], unaries[i], params) / params.temper for i in peaks]
+    bounds = [stands[i] + _bound(model, candidates[i], unaries[i], params) / params.temper for i in peaks]
     return candidates[peaks[int(np.argmax(bounds))]]
 
 
@@ -98,7 +98,7 @@ def _log_prior(angles: np.ndarray, frames: Frames, params: PosteriorParams) -> n
 
 def _evidence(model: Model, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> float:
     """Log evidence with keypoints independent of each other."""
-    place, covariance = _prior(model, target, params)
+    place, covariance = prior(model, target, params)
     costs = unary + squared(place, target.position.astype(np.float64)) / (2 * np.diag(covariance)[:, None])
     least = costs.min(1)
     return float((np.log(np.exp(least[:, None] - costs).sum(1)) - least).sum())
@@ -107,7 +107,7 @@ def _evidence(model: Model, target: Prepared, unary: np.ndarray, params: Posteri
 def _bound(model: Model, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> float:
     """Lower bound of the log evidence at the mean field: its entropy less its expected cost."""
     posterior = mean_field(model, target, unary, params)
-    place, covariance = _prior(model, target, params)
+    place, covariance = prior(model, target, params)
     precision = np.linalg.inv(covariance)
     position = target.position.astype(np.float64)
     mean = posterior @ position
@@ -119,11 +119,6 @@ def _bound(model: Model, target: Prepared, unary: np.ndarray, params: PosteriorP
     cost = (posterior * unary).sum() + pull * distances
     cost += (np.einsum("ix,ij,jx->", deviation, precision, deviation) + np.diag(precision) @ variance) / 2
     return float(-(posterior * np.log(np.maximum(posterior, 1e-300))).sum() - cost)
-
-
-def _prior(model: Model, target: Prepared, params: PosteriorParams) -> tuple[np.ndarray, np.ndarray]:
-    """Where keypoints are expected (k, 3), and the covariance of their deviations (k, k)."""
-    return model.box * np.maximum(target.sides, THINNEST), deformation_covariance(model.box, params) * model.gate
 
 
 def _log_sides(shape: Prepared) -> np.ndarray:
