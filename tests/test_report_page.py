@@ -17,11 +17,6 @@ from stages.report.gathering import Gathering
 from stages.report.writing import write_report
 from tests.report_runs import mixed
 
-playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright: pip install 'b23d[dev]'")
-CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: apt-get install chromium")
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--use-gl=angle", "--use-angle=swiftshader",
-             "--enable-unsafe-swiftshader"]   # WebGL without a GPU
 PAINTED = "document.getElementById('viewer-dialog').dataset.painted"   # mode, and side:point if one is clicked
 PATIENCE = 60_000   # ms: a software renderer on a busy machine
 
@@ -29,14 +24,6 @@ PATIENCE = 60_000   # ms: a software renderer on a busy machine
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(mixed(), tmp_path_factory.mktemp("report") / "report.html", inline=False).page
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as player:
-        opened = player.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield opened
-        opened.close()
 
 
 class Page:
