@@ -2,8 +2,9 @@
 
     address = sha256(canonical_json({recipe, stage, version, params, inputs: {argument: address | [address, …]}}))
 
-A leaf's address is the sha256 of its values and its files' bytes. Device, workers, batch sizes, paths and library versions
-never enter. `tests/test_address.py` freezes the recipe with golden digests: change it only together with `RECIPE`.
+A leaf's address is the sha256 of its values and its files' bytes. Device, workers, batch sizes, paths and library
+versions never enter. `tests/test_address.py` freezes the recipe with golden digests: change it only together with
+`RECIPE`.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def leaf_address(values: Mapping[str, Any], files: Mapping[str, str]) -> str:
 
 
 class StageAddress:
-    """Addresses of one stage at fixed version and params; all but the inputs is serialised once (a plan makes 100,000s)."""
+    """Addresses of one stage at fixed version and params; all but the inputs is serialised once (a plan makes
+    100,000s)."""
 
     def __init__(self, stage: str, version: int, params: Mapping[str, Any]) -> None:
         self._tail = f',"params":{canonical_json(params)},"recipe":{RECIPE},"stage":{canonical_json(stage)},"version":{version}}}'
@@ -46,7 +48,11 @@ class StageAddress:
     def __call__(self, inputs: Inputs) -> str:
         """Address of what the stage makes of `inputs` (argument → address, or addresses of shots in order).
 
-        Arguments are identifiers and addresses hexadecimal, so their JSON is written here directly: three times as fast.
+        Arguments are identifiers and addresses hexadecimal, so their JSON is written here directly: three times as
+        fast.
         """
-        texts = (f'"{name}":["' + '","'.join(v) + '"]' if isinstance(v, list) else f'"{name}":"{v}"' for name, v in sorted(inputs.items()))
+        texts = (
+            f'"{name}":["' + '","'.join(v) + '"]' if isinstance(v, list) else f'"{name}":"{v}"'
+            for name, v in sorted(inputs.items())
+        )
         return sha256(f'{{"inputs":{{{",".join(texts)}}}{self._tail}')

@@ -14,18 +14,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.errors import B23dError
+from b23d.pipeline.errors import B23dError
 
-app = typer.Typer(name="b23d", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode="rich",
-                  help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.")
-SHOWN = 12   # problems that `plan` prints
+app = typer.Typer(
+    name="b23d",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.",
+)
+SHOWN = 12  # problems that `plan` prints
 
 console = Console()
 if not console.is_terminal:
-    console = Console(width=120)   # into a file or a pipe, tables keep their columns
+    console = Console(width=120)  # into a file or a pipe, tables keep their columns
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)]
-Set = Annotated[list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")]
+Set = Annotated[
+    list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
+]
 StoreUrl = Annotated[str | None, typer.Option("--store", metavar="PATH|URL", help="Another store than the run file's.")]
 Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable.")]
@@ -44,15 +52,17 @@ _debug = False
 @app.command()
 def run(
     run: RunPath,
-    set: Set = [],  # noqa: B006 — typer copies it
-    workers: Annotated[int | None, typer.Option(min=0, help="Worker processes; 0: run in this process. Default: one a core.")] = None,
+    set: Set = [],
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Worker processes; 0: run in this process. Default: one a core.")
+    ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="URL", help="An existing dask cluster, tcp://…")] = None,
     store: StoreUrl = None,
     limit: Limit = None,
 ) -> None:
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
-    from pipeline.progress import RunProgress, stage_table
-    from pipeline.run import Run
+    from b23d.pipeline.progress import RunProgress, stage_table
+    from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
     with RunProgress(console) as progress:
@@ -60,7 +70,9 @@ def run(
     if report.done:
         console.print(stage_table(report))
     else:
-        console.print(f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False)
+        console.print(
+            f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False
+        )
     for hook in entry_points(group="b23d.after_run"):
         hook.load()(loaded, report, console)
     if not report.ok:
@@ -71,17 +83,23 @@ def run(
             if _debug and failure.traceback:
                 console.print(escape(failure.traceback), highlight=False)
         raise typer.Exit(1)
-    console.print(f"[dim]{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}[/]", highlight=False)
+    console.print(
+        f"[dim]{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}[/]", highlight=False
+    )
 
 
 @app.command()
 def plan(
-    run: RunPath, set: Set = [], store: StoreUrl = None, limit: Limit = None, as_json: Json = False,  # noqa: B006
+    run: RunPath,
+    set: Set = [],
+    store: StoreUrl = None,
+    limit: Limit = None,
+    as_json: Json = False,
     exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
-    from pipeline.projection import project
-    from pipeline.run import Run
+    from b23d.pipeline.projection import project
+    from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
     planned = loaded.plan(limit)
@@ -108,13 +126,22 @@ def plan(
 
 @app.command()
 def show(
-    run: RunPath, shape: str, stage: str, set: Set = [], store: StoreUrl = None, draw: Draw = None,  # noqa: B006
-    export: Annotated[Path | None, typer.Option(help="Write it: .npz, .ply, .glb, .png, .parquet (what the artifact allows).")] = None,
-    picture: Annotated[bool | None, typer.Option("--picture/--no-picture", show_default=False, help="Default: in a terminal.")] = None,
+    run: RunPath,
+    shape: str,
+    stage: str,
+    set: Set = [],
+    store: StoreUrl = None,
+    draw: Draw = None,
+    export: Annotated[
+        Path | None, typer.Option(help="Write it: .npz, .ply, .glb, .png, .parquet (what the artifact allows).")
+    ] = None,
+    picture: Annotated[
+        bool | None, typer.Option("--picture/--no-picture", show_default=False, help="Default: in a terminal.")
+    ] = None,
 ) -> None:
     """What an artifact holds: a picture, arrays, ranges, provenance."""
-    from pipeline.inspection import artifact_tables, export_artifact, thumbnail
-    from pipeline.run import Run
+    from b23d.pipeline.inspection import artifact_tables, export_artifact, thumbnail
+    from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
     if export is not None:
@@ -129,12 +156,19 @@ def show(
 
 @app.command()
 def explain(
-    run: RunPath, shape: str, stage: str, set: Set = [], store: StoreUrl = None, draw: Draw = None,  # noqa: B006
-    against: Annotated[Path | None, typer.Option(metavar="RUN2", help="Compare with this run, not the nearest artifact.")] = None,
+    run: RunPath,
+    shape: str,
+    stage: str,
+    set: Set = [],
+    store: StoreUrl = None,
+    draw: Draw = None,
+    against: Annotated[
+        Path | None, typer.Option(metavar="RUN2", help="Compare with this run, not the nearest artifact.")
+    ] = None,
 ) -> None:
     """What an artifact's address is made of, and the first field that differs from the nearest stored one."""
-    from pipeline.explain import explain as explain_node
-    from pipeline.run import Run
+    from b23d.pipeline.explain import explain as explain_node
+    from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
     told = explain_node(loaded, shape, stage, draw, Run.load(against, (), store) if against else None)
@@ -155,16 +189,20 @@ def explain(
 
 
 @app.command()
-def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:  # noqa: B006
-    """Check every digest. Damaged artifacts are named with their shapes and removed, so that the next run makes them again."""
-    from pipeline.run import Run
-    from pipeline.upkeep import verify as find_damage
+def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
+    """Check every digest. Damaged artifacts are named with their shapes and removed, so that the next run makes them
+    again."""
+    from b23d.pipeline.run import Run
+    from b23d.pipeline.upkeep import verify as find_damage
 
     loaded, count = Run.load(run, set, store), 0
     with console.status("checking") as status:
         for damage in find_damage(loaded, lambda done, total: status.update(f"checking {done}/{total}")):
             count += 1
-            console.print(f"[red]✗[/] {damage.stage} of {', '.join(damage.shapes)}: {escape('; '.join(damage.problems))}", highlight=False)
+            console.print(
+                f"[red]✗[/] {damage.stage} of {', '.join(damage.shapes)}: {escape('; '.join(damage.problems))}",
+                highlight=False,
+            )
     if count:
         console.print(f"{count} damaged artifacts removed; `b23d run {run}` makes them again", highlight=False)
         raise typer.Exit(1)
@@ -173,14 +211,16 @@ def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:  # noqa
 
 @app.command()
 def gc(
-    runs: Annotated[list[Path] | None, typer.Argument(metavar="[RUN]…", help="Run files that count besides those the store knows.")] = None,
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="[RUN]…", help="Run files that count besides those the store knows.")
+    ] = None,
     store: Annotated[str, typer.Option("--store", metavar="PATH|URL")] = "runs/.store",
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
 ) -> None:
     """Drop what no run file reaches, largest first. Run files that have used the store count, and those in runs/."""
-    from pipeline.index import Index
-    from pipeline.store import Store
-    from pipeline.upkeep import garbage, reached
+    from b23d.pipeline.index import Index
+    from b23d.pipeline.store import Store
+    from b23d.pipeline.upkeep import garbage, reached
 
     opened = Store(store)
     known = Index(Path(opened.root) / "index.sqlite").run_files() if opened.local and Path(opened.root).is_dir() else []
@@ -193,7 +233,9 @@ def gc(
             opened.delete(item.stage, item.address)
     total = sum(item.stored_bytes for item in lost) / 1e6
     verb = "would drop" if dry_run else "dropped"
-    console.print(f"{verb} {len(lost)} artifacts, {total:.1f} MB; {len(files | besides)} run files count", highlight=False)
+    console.print(
+        f"{verb} {len(lost)} artifacts, {total:.1f} MB; {len(files | besides)} run files count", highlight=False
+    )
 
 
 def _round(value: float | None, unit: float) -> str:

@@ -12,11 +12,11 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from pipeline.dataset import DATASETS, Dataset
-from pipeline.errors import RunFileError
-from pipeline.stage import Stage, load_stages
-from schemas.params import Params
-from schemas.runfile import RunFile
+from b23d.pipeline.dataset import DATASETS, Dataset
+from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.stage import Stage, load_stages
+from b23d.schemas.params import Params
+from b23d.schemas.runfile import RunFile
 
 P = TypeVar("P", bound=Params)
 
@@ -51,11 +51,13 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
         if name not in installed:
             raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {_suggest(name, installed)}")
     params = {name: _params(installed[name], file, path) for name in stages}
-    for name in file.stages.keys() - stages.keys():   # unused tables are checked as well
+    for name in file.stages.keys() - stages.keys():  # unused tables are checked as well
         _params(installed[name], file, path)
     for name in file.store.transient:
         if name not in installed:
-            raise RunFileError(f"run file {path}: expected store.transient to name stages, got {name!r}; {_suggest(name, installed)}")
+            raise RunFileError(
+                f"run file {path}: expected store.transient to name stages, got {name!r}; {_suggest(name, installed)}"
+            )
     return Config(path, overrides, file, dataset, stages, params)
 
 
@@ -73,7 +75,9 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         reason = f"run file: expected a TOML file, got nothing at {path}; give the path of one, e.g. runs/demo.toml"
         raise FileNotFoundError(reason) from error
     except tomllib.TOMLDecodeError as error:
-        raise RunFileError(f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names") from error
+        raise RunFileError(
+            f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names"
+        ) from error
     for table in [tables.get("dataset"), *_tables(tables.get("stages"))]:
         if isinstance(table, dict):
             table.update({key: _Anchored(value, path.parent) for key, value in table.items() if isinstance(value, str)})
@@ -83,7 +87,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     merged = _read(path.parent / base, (*seen, path.resolve()))
     dataset = tables.get("dataset")
     if isinstance(dataset, dict) and dataset.get("kind") not in (None, merged.get("dataset", {}).get("kind")):
-        merged.pop("dataset")   # another kind of data set shares no fields with the base's
+        merged.pop("dataset")  # another kind of data set shares no fields with the base's
     _merge(merged, tables)
     return merged
 
@@ -143,7 +147,9 @@ def _dataset(file: RunFile, path: Path) -> Dataset:
     kind = file.dataset.get("kind")
     if kind not in DATASETS:
         known = ", ".join(sorted(DATASETS))
-        raise RunFileError(f"run file {path}: expected dataset.kind to be one of {known}, got {kind!r}; {_suggest(str(kind), DATASETS)}")
+        raise RunFileError(
+            f"run file {path}: expected dataset.kind to be one of {known}, got {kind!r}; {_suggest(str(kind), DATASETS)}"
+        )
     return _validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset), f"run file {path}: [dataset]")
 
 
@@ -153,7 +159,8 @@ def _params(stage: Stage, file: RunFile, path: Path) -> Params:
 
 
 def _absolute(model: type[Params], table: Mapping[str, Any]) -> dict[str, Any]:
-    """The table with its Path fields absolute: relative to the file they stand in, or to the current folder if overridden."""
+    """The table with its Path fields absolute: relative to the file they stand in, or to the current folder if
+    overridden."""
 
     def resolve(key: str, value: Any) -> Any:
         field = model.model_fields.get(key)
@@ -204,16 +211,22 @@ def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
         if name in order:
             return
         if name in trail:
-            raise RunFileError(f"feeds: expected a flow without circles, got {' → '.join([*trail, name])}; change [feeds]")
+            raise RunFileError(
+                f"feeds: expected a flow without circles, got {' → '.join([*trail, name])}; change [feeds]"
+            )
         for item in installed[name].inputs:
             source = feeding(file, item.upstream)
             if source not in installed:
                 if item.upstream in file.feeds:
-                    raise RunFileError(f"feeds.{item.upstream}: expected a stage, got {source!r}; {_suggest(source, installed)}")
+                    raise RunFileError(
+                        f"feeds.{item.upstream}: expected a stage, got {source!r}; {_suggest(source, installed)}"
+                    )
                 continue
             if not issubclass(installed[source].gives, item.schema):
                 wanted, got = item.schema.__name__, installed[source].gives.__name__
-                raise RunFileError(f"stage {name}: expected {item.name} to be {wanted}, got {got} from {source}; change [feeds]")
+                raise RunFileError(
+                    f"stage {name}: expected {item.name} to be {wanted}, got {got} from {source}; change [feeds]"
+                )
             visit(source, (*trail, name))
         order[name] = installed[name]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from schemas.artifact import Artifact
-from schemas.params import Params
+from b23d.schemas.artifact import Artifact
+from b23d.schemas.params import Params
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ class Leaf:
     files: dict[str, Path] = field(default_factory=dict)
     """Name under which `load` and the digest know the file → where it is."""
     context: dict[str, Any] = field(default_factory=dict)
-    """Merged into `values` for `load` only: what should be recorded but must not change an address (a file's hash, a name)."""
+    """Merged into `values` for `load` only: what should be recorded but must not change an address (a file's hash, a
+    name)."""
 
 
 @dataclass(frozen=True)

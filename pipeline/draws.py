@@ -1,9 +1,9 @@
 """Which annotated shapes are the shots of a draw, and which shapes are its targets.
 
-A shape is annotated if it has the leaves that the run's stages ask of shots (`shot_keypoints`, `shot_parts` …), as far as any
-shape of its class has them. Shapes rank by sha256(draw, shape name); a class's first `count` usable ones are its shots. So a
-draw is the same on every machine, a new shape changes it only by being drawn, and a shape that is quarantined is replaced by
-the next in rank.
+A shape is annotated if it has the leaves that the run's stages ask of shots (`shot_keypoints`, `shot_parts` …), as far
+as any shape of its class has them. Shapes rank by sha256(draw, shape name); a class's first `count` usable ones are its
+shots. So a draw is the same on every machine, a new shape changes it only by being drawn, and a shape that is
+quarantined is replaced by the next in rank.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
-from pipeline.address import sha256
-from pipeline.dataset import Shape
-from schemas.runfile import Shots
+from b23d.pipeline.address import sha256
+from b23d.pipeline.dataset import Shape
+from b23d.schemas.runfile import Shots
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Draw:
 
 
 def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str], leaves: Collection[str]) -> list[Draw]:
-    """Every draw of every class that has annotated shapes. `unusable`: names of shapes that cannot be shots; `leaves`: what shots
-    are asked for."""
+    """Every draw of every class that has annotated shapes. `unusable`: names of shapes that cannot be shots; `leaves`:
+    what shots are asked for."""
     classes: dict[str, list[Shape]] = defaultdict(list)
     for shape in shapes:
         classes[shape.category].append(shape)
@@ -42,7 +42,9 @@ def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str],
     ]
 
 
-def _draw(category: str, members: list[Shape], options: Shots, seed: int, unusable: Collection[str], leaves: set[str]) -> Draw:
+def _draw(
+    category: str, members: list[Shape], options: Shots, seed: int, unusable: Collection[str], leaves: set[str]
+) -> Draw:
     annotated = [shape for shape in members if leaves <= shape.leaves.keys() and shape.name not in unusable]
     if named := options.ids.get(category):
         chosen = [shape for shape in annotated if shape.id in named]
@@ -57,5 +59,7 @@ def _draw(category: str, members: list[Shape], options: Shots, seed: int, unusab
             got = f"expected {options.count} annotated shapes as shots, got {len(chosen)}"
             return Draw(seed, category, error=f"class {category}: {got}; annotate more, or lower shots.count")
     names = {shape.name for shape in chosen}
-    targets = tuple(s for s in members if s.name not in names and (options.split == "all-but-shots" or s.official == "test"))
+    targets = tuple(
+        s for s in members if s.name not in names and (options.split == "all-but-shots" or s.official == "test")
+    )
     return Draw(seed, category, tuple(sorted(chosen, key=lambda shape: shape.name)), targets)

@@ -1,4 +1,5 @@
-"""Why an artifact is what it is, and why it would run again: the first part of its address that differs from a stored one."""
+"""Why an artifact is what it is, and why it would run again: the first part of its address that differs from a stored
+one."""
 
 from __future__ import annotations
 
@@ -6,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
-from pipeline.plan import LeafNode, Node
-from pipeline.run import Run
-from pipeline.stage import SHOT
+from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from b23d.pipeline.plan import LeafNode, Node
+from b23d.pipeline.run import Run
+from b23d.pipeline.stage import SHOT
 
 BYTES = "(bytes)"
 
@@ -64,7 +65,9 @@ def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: 
     else:
         before = _nearest(run, node)
     found = [] if before is None else list(_differences(run, _of_node(run, node), before))
-    return Explanation(node.stage, shape, node.address, node.state.value, parts, before.address if before else None, _unique(found))
+    return Explanation(
+        node.stage, shape, node.address, node.state.value, parts, before.address if before else None, _unique(found)
+    )
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,12 @@ def _of_node(run: Run, node: Node) -> _Recipe:
     stage = run.config.stages[node.stage]
     params = run.config.params[node.stage].hashed()
     fingerprint = dict(stage.fingerprint(run.config.params[node.stage])) if stage.fingerprint else {}
-    inputs = {name: [i.address for i in v] if isinstance(v, list) else [v.address] for name, v in _inputs(run, node).items()}
-    return _Recipe(node.stage, node.address, stage.version, params, {**inputs, **{k: [v] for k, v in fingerprint.items()}}, above)
+    inputs = {
+        name: [i.address for i in v] if isinstance(v, list) else [v.address] for name, v in _inputs(run, node).items()
+    }
+    return _Recipe(
+        node.stage, node.address, stage.version, params, {**inputs, **{k: [v] for k, v in fingerprint.items()}}, above
+    )
 
 
 def _of_provenance(stage: str, address: str, told: dict[str, Any], inline: dict[str, Any]) -> _Recipe:
@@ -104,7 +111,9 @@ def _stored(run: Run, stage: str, address: str) -> _Recipe | None:
 
 def _nearest(run: Run, node: Node) -> _Recipe | None:
     """The stored artifact of the same stage and shape with the fewest differing parts; the latest of those."""
-    stored = [recipe for a in run.index.made(node.stage, node.shape) if (recipe := _stored(run, node.stage, a)) is not None]
+    stored = [
+        recipe for a in run.index.made(node.stage, node.shape) if (recipe := _stored(run, node.stage, a)) is not None
+    ]
     own = _of_node(run, node)
     return min(reversed(stored), key=lambda recipe: _distance(own, recipe), default=None)
 
@@ -118,14 +127,20 @@ def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference
     if now.address == before.address:
         return
     shared = now.inputs.keys() & before.inputs.keys()
-    for name in sorted(shared, key=lambda name: name.startswith(SHOT)):   # the shape's own inputs first
+    for name in sorted(shared, key=lambda name: name.startswith(SHOT)):  # the shape's own inputs first
         ours, theirs = now.inputs[name], before.inputs[name]
         if len(ours) != len(theirs):
             yield Difference(f"shots of {now.stage} ({name})", _short(theirs), _short(ours))
             continue
-        found = [d for mine, other in zip(ours, theirs, strict=True) for d in _input_differences(run, now, before, name, mine, other)]
+        found = [
+            d
+            for mine, other in zip(ours, theirs, strict=True)
+            for d in _input_differences(run, now, before, name, mine, other)
+        ]
         if name.startswith(SHOT) and any(difference.field.endswith(BYTES) for difference in found):
-            yield Difference(f"shots of {now.stage} ({name})", _short(theirs), _short(ours))   # other shapes, not other parameters
+            yield Difference(
+                f"shots of {now.stage} ({name})", _short(theirs), _short(ours)
+            )  # other shapes, not other parameters
         else:
             yield from found
     if now.version != before.version:
@@ -135,7 +150,9 @@ def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference
             yield Difference(f"stages.{now.stage}.{key}", repr(before.params.get(key)), repr(now.params.get(key)))
 
 
-def _input_differences(run: Run, now: _Recipe, before: _Recipe, name: str, mine: str, other: str) -> Iterator[Difference]:
+def _input_differences(
+    run: Run, now: _Recipe, before: _Recipe, name: str, mine: str, other: str
+) -> Iterator[Difference]:
     if mine == other:
         return
     above, known = now.above.get(mine), before.above.get(other)

@@ -12,9 +12,9 @@ import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from pipeline.config import feeding
-from pipeline.run import Run
-from schemas.artifact import Artifact
+from b23d.pipeline.config import feeding
+from b23d.pipeline.run import Run
+from b23d.schemas.artifact import Artifact
 
 Exporter = Callable[[Run, str, str, int | None, Artifact, Path], None]
 
@@ -32,7 +32,9 @@ def artifact_tables(run: Run, shape: str, stage: str, draw: int | None = None) -
     arrays = Table("array", "shape", "dtype", "range", "unit", "stored", title=title, title_justify="left")
     for name, array in artifact.present_arrays().items():
         size = f"{head.arrays[name].stored_bytes / 1e6:.2f} MB"
-        arrays.add_row(name, " × ".join(map(str, array.shape)), array.dtype.name, value_range(array), specs[name].unit, size)
+        arrays.add_row(
+            name, " × ".join(map(str, array.shape)), array.dtype.name, value_range(array), specs[name].unit, size
+        )
     values = Table("field", "value", show_header=False, title="fields", title_justify="left")
     for name, value in head.values.items():
         values.add_row(name, _short(value))
@@ -43,7 +45,8 @@ def artifact_tables(run: Run, shape: str, stage: str, draw: int | None = None) -
 
 
 def thumbnail(run: Run, shape: str, stage: str, draw: int | None, width: int) -> RenderableType | None:
-    """A picture of an artifact for a terminal `width` characters wide, by the first plugged-in painter that knows its kind."""
+    """A picture of an artifact for a terminal `width` characters wide, by the first plugged-in painter that knows its
+    kind."""
     artifact = run.artifact(shape, stage, draw)
     painted = (plugin.load()(run, shape, artifact, width) for plugin in entry_points(group="b23d.thumbnails"))
     return next((picture for picture in painted if picture is not None), None)
@@ -68,7 +71,9 @@ def export_artifact(run: Run, shape: str, stage: str, draw: int | None, path: Pa
     """
     artifact = run.artifact(shape, stage, draw)
     suffix = path.suffix.lower()
-    exporters: dict[str, Exporter] = {f".{plugin.name}": plugin.load() for plugin in entry_points(group="b23d.exporters")}
+    exporters: dict[str, Exporter] = {
+        f".{plugin.name}": plugin.load() for plugin in entry_points(group="b23d.exporters")
+    }
     if suffix == ".npz":
         fields: dict[str, Any] = {**artifact.present_arrays(), "fields": np.array(json.dumps(artifact.plain_fields()))}
         np.savez_compressed(path, **fields)

@@ -1,11 +1,12 @@
-"""The runs that a run file's `[sweep]` and `[variants]` ask for: the file itself with a few fields set, one run each."""
+"""The runs that a run file's `[sweep]` and `[variants]` ask for: the file itself with a few fields set, one run
+each."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
 
-from pipeline.config import Config
+from b23d.pipeline.config import Config
 
 SUFFIX = ".sweep"
 """Of the name, and so of the folder, of every member; addresses do not know it."""

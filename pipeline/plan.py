@@ -1,7 +1,7 @@
 """The plan: every artifact a run wants, by address, before anything is executed.
 
-A node is one (stage, shape), or one (stage, shape, draw) for stages that see shots. Nodes with equal addresses are one: a stage
-that asks for nothing but shots (it trains, say) has one node a draw, named after the first target.
+A node is one (stage, shape), or one (stage, shape, draw) for stages that see shots. Nodes with equal addresses are one:
+a stage that asks for nothing but shots (it trains, say) has one node a draw, named after the first target.
 Every stage is wanted except the transient ones, which are computed inside the tasks that need them.
 """
 
@@ -13,15 +13,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
 
-from pipeline.address import StageAddress, leaf_address, sha256
-from pipeline.config import Config, feeding
-from pipeline.dataset import Leaf, Shape
-from pipeline.draws import Draw, draw_shots
-from pipeline.index import Failure, Index
-from pipeline.stage import Input, Stage
-from pipeline.store import Store
+from b23d.pipeline.address import StageAddress, leaf_address, sha256
+from b23d.pipeline.config import Config, feeding
+from b23d.pipeline.dataset import Leaf, Shape
+from b23d.pipeline.draws import Draw, draw_shots
+from b23d.pipeline.index import Failure, Index
+from b23d.pipeline.stage import Input, Stage
+from b23d.pipeline.store import Store
 
-MISSING = "unreadable"   # address of a leaf whose file cannot be read
+MISSING = "unreadable"  # address of a leaf whose file cannot be read
 
 
 class State(Enum):
@@ -90,7 +90,7 @@ class Plan:
 def make_plan(config: Config, shapes: list[Shape], store: Store, index: Index, limit: int | None = None) -> Plan:
     """Plan a run over `shapes`; `limit` keeps each class's first shapes as targets (draws stay what they are)."""
     collecting = gc.isenabled()
-    gc.disable()   # hundreds of thousands of live objects, no garbage: the collector would take a third of the time
+    gc.disable()  # hundreds of thousands of live objects, no garbage: the collector would take a third of the time
     try:
         return _make_plan(config, shapes, store, index, limit)
     finally:
@@ -113,7 +113,9 @@ def _make_plan(config: Config, shapes: list[Shape], store: Store, index: Index, 
     kept = _kept(shapes, limit)
     for draw in draws:
         if draw.error:
-            problems.append(Failure("draw", f"{draw.category} (draw {draw.seed})", MISSING, f"ValueError: {draw.error}", True))
+            problems.append(
+                Failure("draw", f"{draw.category} (draw {draw.seed})", MISSING, f"ValueError: {draw.error}", True)
+            )
         for stage in config.stages:
             if planner.sees_shots[stage]:
                 for shape in draw.targets:
@@ -138,7 +140,9 @@ class _Planner:
         self.by_shape: dict[tuple[str, str, int | None], Node] = {}
         self.leaves: dict[tuple[str, str], LeafNode] = {}
         self.of_shots: dict[tuple[str, str, int], list[Node | LeafNode] | None] = {}
-        self.sources = {s: {i.name: feeding(config.file, i.upstream) for i in stage.inputs} for s, stage in config.stages.items()}
+        self.sources = {
+            s: {i.name: feeding(config.file, i.upstream) for i in stage.inputs} for s, stage in config.stages.items()
+        }
         self.sees_shots: dict[str, bool] = {}
         self.makers: dict[str, StageAddress] = {}
         self.fingerprints: dict[str, dict[str, str]] = {}
@@ -176,7 +180,12 @@ class _Planner:
 
     def shot_leaves(self) -> set[str]:
         """The leaves that this run's stages must have of every shot: what makes a shape an annotated one."""
-        asked = [(name, i) for name, stage in self.config.stages.items() for i in stage.inputs if i.per_shot and not i.optional]
+        asked = [
+            (name, i)
+            for name, stage in self.config.stages.items()
+            for i in stage.inputs
+            if i.per_shot and not i.optional
+        ]
         return {self.sources[name][item.name] for name, item in asked} - self.config.stages.keys()
 
     def settle(self, node: Node) -> None:
@@ -195,16 +204,20 @@ class _Planner:
         if node.state is State.RUN and node.stage in self.config.file.store.transient:
             node.state = State.TRANSIENT
 
-    def _input(self, stage: Stage, item: Input, shape: Shape, draw: Draw | None) -> Node | LeafNode | list[Node | LeafNode] | None:
+    def _input(
+        self, stage: Stage, item: Input, shape: Shape, draw: Draw | None
+    ) -> Node | LeafNode | list[Node | LeafNode] | None:
         source = self.sources[stage.name][item.name]
         if not item.per_shot:
             return self._upstream(source, shape, draw)
         if draw is None:
             return None
         key = (source, draw.category, draw.seed)
-        if key not in self.of_shots:   # the same for thousands of targets
+        if key not in self.of_shots:  # the same for thousands of targets
             found = [self._upstream(source, shot, None) for shot in draw.shots]
-            self.of_shots[key] = None if any(value is None for value in found) else [value for value in found if value is not None]
+            self.of_shots[key] = (
+                None if any(value is None for value in found) else [value for value in found if value is not None]
+            )
         return self.of_shots[key]
 
     def _upstream(self, source: str, shape: Shape, draw: Draw | None) -> Node | LeafNode | None:
@@ -222,7 +235,9 @@ class _Planner:
                 files = {file: self.index.file_digest(path) for file, path in leaf.files.items()}
                 self.leaves[key] = LeafNode(leaf, leaf_address(leaf.values, files))
             except (OSError, ValueError) as error:
-                self.leaves[key] = LeafNode(leaf, sha256(f"{MISSING}:{shape.name}"), f"{type(error).__name__}: {shape.name}: {error}")
+                self.leaves[key] = LeafNode(
+                    leaf, sha256(f"{MISSING}:{shape.name}"), f"{type(error).__name__}: {shape.name}: {error}"
+                )
         return self.leaves[key]
 
 
@@ -232,7 +247,9 @@ def _address(value: Node | LeafNode | list[Node | LeafNode]) -> str | list[str]:
 
 def _broken(node: Node, quarantined: dict[str, Failure]) -> bool:
     failure = quarantined.get(node.address)
-    return (failure is not None and failure.permanent) or any(isinstance(above, LeafNode) and above.error for above in node.upstream())
+    return (failure is not None and failure.permanent) or any(
+        isinstance(above, LeafNode) and above.error for above in node.upstream()
+    )
 
 
 def _transient_above(node: Node) -> Iterator[Node]:

@@ -9,9 +9,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from pipeline.plan import Plan, State
-from pipeline.run import Report
-from pipeline.tasks import Outcome
+from b23d.pipeline.plan import Plan, State
+from b23d.pipeline.run import Report
+from b23d.pipeline.tasks import Outcome
 
 
 class RunProgress:
@@ -39,7 +39,9 @@ class RunProgress:
             if total:
                 self._bars[stage] = self._progress.add_task(stage, total=total, note="")
             elif inlined[stage]:
-                self.console.print(f"[dim]{stage}: {inlined[stage]} inside their consumers (transient)[/]", highlight=False)
+                self.console.print(
+                    f"[dim]{stage}: {inlined[stage]} inside their consumers (transient)[/]", highlight=False
+                )
         self._progress.start()
 
     def watch(self, plan: Plan, outcome: Outcome | None) -> None:
@@ -70,5 +72,13 @@ def stage_table(report: Report) -> Table:
         size = sum(outcome.stored_bytes for outcome in done) / len(done) / 1e6
         peak = max(outcome.peak_mb for outcome in done)
         middle = seconds[len(seconds) // 2]
-        table.add_row(stage, f"{len(done)}", f"{middle:.3f}", f"{seconds[-1]:.3f}", f"{overhead:.0f}", f"{peak:.0f}", f"{size:.2f}")
+        table.add_row(
+            stage,
+            f"{len(done)}",
+            f"{middle:.3f}",
+            f"{seconds[-1]:.3f}",
+            f"{overhead:.0f}",
+            f"{peak:.0f}",
+            f"{size:.2f}",
+        )
     return table

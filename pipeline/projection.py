@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipeline.plan import Plan, State
-from pipeline.run import Run
+from b23d.pipeline.plan import Plan, State
+from b23d.pipeline.run import Run
 
 
 def project(run: Run, plan: Plan) -> dict[str, dict[str, Any]]:
     """Per stage: run, cached and blocked counts, and the bytes and CPU seconds that running would take.
 
-    bytes and seconds are None where something is to run and the stage has never run in this store. Transient stages count
-    as run when a task to run computes them; they store nothing, and their seconds are part of their consumers'.
+    bytes and seconds are None where something is to run and the stage has never run in this store. Transient stages
+    count as run when a task to run computes them; they store nothing, and their seconds are part of their consumers'.
     """
     counts, inlined, costs = plan.count(), plan.inlined(), run.index.costs()
     rows = {}

@@ -14,17 +14,17 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from pipeline.address import canonical_json, sha256
-from pipeline.config import Config, feeding, load_config
-from pipeline.dataset import Shape
-from pipeline.errors import ArtifactNotFoundError, RunFileError
-from pipeline.index import Failure, Index
-from pipeline.members import SUFFIX
-from pipeline.plan import Node, Plan, State, make_plan
-from pipeline.scheduler import DaskExecutor, Executor, Frontier, InlineExecutor
-from pipeline.store import Store
-from pipeline.tasks import Outcome, Task, make_task
-from schemas.artifact import Artifact
+from b23d.pipeline.address import canonical_json, sha256
+from b23d.pipeline.config import Config, feeding, load_config
+from b23d.pipeline.dataset import Shape
+from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
+from b23d.pipeline.index import Failure, Index
+from b23d.pipeline.members import SUFFIX
+from b23d.pipeline.plan import Node, Plan, State, make_plan
+from b23d.pipeline.scheduler import DaskExecutor, Executor, Frontier, InlineExecutor
+from b23d.pipeline.store import Store
+from b23d.pipeline.tasks import Outcome, Task, make_task
+from b23d.schemas.artifact import Artifact
 
 
 @dataclass
@@ -109,14 +109,17 @@ class Run:
             if executor is not None:
                 executor.close()
         known = {failure.address for failure in report.failures}
-        report.failures += [problem for problem in plan.problems if problem.address not in known or problem.stage in ("source", "draw")]
+        report.failures += [
+            problem for problem in plan.problems if problem.address not in known or problem.stage in ("source", "draw")
+        ]
         report.blocked = plan_blocked(plan)
         report.seconds = time.perf_counter() - started
         self._save(plan, report)
         return report
 
     def artifact(self, shape: str, stage: str, draw: int | None = None) -> Artifact:
-        """The artifact of (shape, stage), its arrays read when touched; of the first draw that has one, if none is named.
+        """The artifact of (shape, stage), its arrays read when touched; of the first draw that has one, if none is
+        named.
 
         Raises KeyError where the run has no such shape or stage, ArtifactNotFoundError where it has not been made.
         """
@@ -128,7 +131,11 @@ class Run:
         stage = feeding(self.config.file, stage)
         if stage not in self.config.stages:
             raise KeyError(f"stage: expected one of {', '.join(self.config.stages)}, got {stage!r}; check the name")
-        found = [node for (s, name, d), node in self._plan.by_shape.items() if s == stage and name == shape and draw in (None, d)]
+        found = [
+            node
+            for (s, name, d), node in self._plan.by_shape.items()
+            if s == stage and name == shape and draw in (None, d)
+        ]
         if not found:
             names = [s.name for s in self.shapes if shape in s.name]
             hint = "a shot has no prediction in its own draw, and no score without keypoints"
@@ -161,7 +168,9 @@ class Run:
             return InlineExecutor()
         return DaskExecutor(options, {name: stage.hints for name, stage in self.config.stages.items()})
 
-    def _execute(self, plan: Plan, executor: Executor, report: Report, watch: Callable[[Plan, Outcome | None], None]) -> list[Failure]:
+    def _execute(
+        self, plan: Plan, executor: Executor, report: Report, watch: Callable[[Plan, Outcome | None], None]
+    ) -> list[Failure]:
         frontier, failed = Frontier(plan), []
 
         def next_task() -> Task | None:
@@ -170,7 +179,14 @@ class Run:
 
         for outcome in executor.run(next_task):
             if outcome.failure is None:
-                self.index.record(outcome.stage, outcome.address, outcome.shape, outcome.seconds, outcome.stored_bytes, outcome.peak_mb)
+                self.index.record(
+                    outcome.stage,
+                    outcome.address,
+                    outcome.shape,
+                    outcome.seconds,
+                    outcome.stored_bytes,
+                    outcome.peak_mb,
+                )
                 frontier.done(outcome.stage, outcome.address)
                 report.done.append(outcome)
             else:
@@ -182,8 +198,8 @@ class Run:
         return failed
 
     def _save(self, plan: Plan, report: Report) -> None:
-        """`manifest.json` in the run's folder: what this run is, what it reaches, what failed. Members of a series share a folder and
-        have one each."""
+        """`manifest.json` in the run's folder: what this run is, what it reaches, what failed. Members of a series
+        share a folder and have one each."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self.index.note_run_file(self.config.path)
         manifest = {
@@ -192,11 +208,17 @@ class Run:
             "params": {name: params.model_dump(mode="json") for name, params in self.config.params.items()},
             "store": self.store.url,
             "overrides": list(self.config.overrides),
-            "addresses": {stage: sorted({n.address for n in plan.nodes.values() if n.stage == stage}) for stage in plan.stages},
+            "addresses": {
+                stage: sorted({n.address for n in plan.nodes.values() if n.stage == stage}) for stage in plan.stages
+            },
             "draws": {f"{d.category}/{d.seed}": [shot.id for shot in d.shots] for d in plan.draws},
             "failures": [asdict(failure) for failure in report.failures],
         }
-        name = f"manifest-{sha256(canonical_json(manifest['overrides']))[:12]}" if self.name.endswith(SUFFIX) else "manifest"
+        name = (
+            f"manifest-{sha256(canonical_json(manifest['overrides']))[:12]}"
+            if self.name.endswith(SUFFIX)
+            else "manifest"
+        )
         (self.folder / f"{name}.json").write_text(json.dumps(manifest, indent=1))
         self.__dict__.pop("_plan", None)
 

@@ -1,7 +1,7 @@
 """Executors: how ready tasks become outcomes. One in this process, one on dask.distributed (the only module with dask).
 
-The graph stays here: an executor sees ready tasks only, through a bounded window, deepest stage first, so that a data set
-is finished shape by shape and neither memory nor the scheduler fills up with what nobody has asked for yet.
+The graph stays here: an executor sees ready tasks only, through a bounded window, deepest stage first, so that a data
+set is finished shape by shape and neither memory nor the scheduler fills up with what nobody has asked for yet.
 """
 
 from __future__ import annotations
@@ -15,19 +15,20 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any, Protocol
 
-from pipeline.errors import ResourceError
-from pipeline.index import Failure
-from pipeline.plan import LeafNode, Node, Plan, State
-from pipeline.stage import Hints
-from pipeline.tasks import Outcome, Task, run_task
-from schemas.runfile import Execution
+from b23d.pipeline.errors import ResourceError
+from b23d.pipeline.index import Failure
+from b23d.pipeline.plan import LeafNode, Node, Plan, State
+from b23d.pipeline.stage import Hints
+from b23d.pipeline.tasks import Outcome, Task, run_task
+from b23d.schemas.runfile import Execution
 
 
 class Executor(Protocol):
     address: str
 
     def run(self, next_task: Callable[[], Task | None]) -> Iterator[Outcome]:
-        """Yield outcomes as they come, asking `next_task` for more whenever there is room; None: nothing is ready now."""
+        """Yield outcomes as they come, asking `next_task` for more whenever there is room; None: nothing is ready
+        now."""
         ...
 
     def close(self) -> None: ...
@@ -110,13 +111,15 @@ class DaskExecutor:
         from distributed import Client
 
         # A worker that dies is reported at once, with its task; heartbeats must not mistake a busy CPU for a death.
-        dask.config.set({
-            "distributed.scheduler.allowed-failures": 0,
-            "distributed.comm.timeouts.connect": "60s",
-            "distributed.scheduler.worker-ttl": "15 minutes",
-            "distributed.worker.daemon": True,
-            "distributed.admin.tick.limit": "1h",
-        })
+        dask.config.set(
+            {
+                "distributed.scheduler.allowed-failures": 0,
+                "distributed.comm.timeouts.connect": "60s",
+                "distributed.scheduler.worker-ttl": "15 minutes",
+                "distributed.worker.daemon": True,
+                "distributed.admin.tick.limit": "1h",
+            }
+        )
         self._hints, self._options = hints, options
         if options.scheduler:
             self._cluster = None
@@ -139,19 +142,23 @@ class DaskExecutor:
         from distributed import as_completed
 
         running: dict[str, Task] = {}
-        suspects: list[Task] = []   # were on a worker that died; each runs again alone, so that the guilty one is known
+        suspects: list[Task] = []  # were on a worker that died; each runs again alone, so that the guilty one is known
         alone: Task | None = None
         finished = as_completed([], loop=self._client.loop, raise_errors=False)
 
         def submit(task: Task) -> None:
             key = f"{task.stage}-{task.address}-{uuid.uuid4().hex[:8]}"
-            future = self._client.submit(run_task, task, key=key, pure=False, resources=self._resources(task.stage) or None)
+            future = self._client.submit(
+                run_task, task, key=key, pure=False, resources=self._resources(task.stage) or None
+            )
             running[str(future.key)] = task
             finished.add(future)
 
         while True:
             # two tasks a thread: a worker never waits for this process
-            while not suspects and alone is None and len(running) < 2 * self._slots and (task := next_task()) is not None:
+            while (
+                not suspects and alone is None and len(running) < 2 * self._slots and (task := next_task()) is not None
+            ):
                 submit(task)
             if not running and suspects:
                 submit(alone := suspects.pop())
@@ -198,7 +205,10 @@ def _local_cluster(options: Execution) -> Any:
     hidden = {**env, "CUDA_VISIBLE_DEVICES": ""} if gpus else env
     workers = {f"cpu-{i}": {"cls": Nanny, "options": {**common, "env": hidden}} for i in range(count)}
     for gpu in gpus:
-        workers[f"gpu-{gpu}"] = {"cls": Nanny, "options": {**common, "env": {**env, "CUDA_VISIBLE_DEVICES": gpu}, "resources": {"gpu": 1}}}
+        workers[f"gpu-{gpu}"] = {
+            "cls": Nanny,
+            "options": {**common, "env": {**env, "CUDA_VISIBLE_DEVICES": gpu}, "resources": {"gpu": 1}},
+        }
     scheduler = {"cls": Scheduler, "options": {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}}
     return SpecCluster(workers=workers, scheduler=scheduler, silence_logs=50, name="b23d")
 

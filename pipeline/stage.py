@@ -18,8 +18,8 @@ from importlib.metadata import entry_points
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from schemas.artifact import Artifact
-from schemas.params import Params
+from b23d.schemas.artifact import Artifact
+from b23d.schemas.params import Params
 
 Function = TypeVar("Function", bound=Callable[..., Artifact])
 SHOT = "shot_"
@@ -71,14 +71,18 @@ def stage(
     def declare(function: Function) -> Function:
         name = function.__name__
         if name in STAGES and STAGES[name].function.__module__ != function.__module__:
-            raise TypeError(f"stage {name}: expected one declaration, got a second in {function.__module__}; rename one")
+            raise TypeError(
+                f"stage {name}: expected one declaration, got a second in {function.__module__}; rename one"
+            )
         hints_of = get_type_hints(function)
         gives = hints_of.pop("return", None)
         params = hints_of.pop("params", None)
         if not (inspect.isclass(gives) and issubclass(gives, Artifact)):
             raise TypeError(f"stage {name}: expected a return annotation that is an Artifact, got {gives}; annotate it")
         if not (inspect.isclass(params) and issubclass(params, Params)):
-            raise TypeError(f"stage {name}: expected an argument `params` annotated with a Params, got {params}; add one")
+            raise TypeError(
+                f"stage {name}: expected an argument `params` annotated with a Params, got {params}; add one"
+            )
         inputs = tuple(_input(name, argument, annotation) for argument, annotation in hints_of.items())
         STAGES[name] = Stage(name, version, function, params, gives, inputs, hints or Hints(), fingerprint)
         return function
@@ -100,5 +104,7 @@ def _input(stage_name: str, argument: str, annotation: Any) -> Input:
         annotation = next(a for a in get_args(annotation) if a is not type(None))
     if not (inspect.isclass(annotation) and issubclass(annotation, Artifact)):
         wanted = "list[Artifact]" if per_shot else "an Artifact"
-        raise TypeError(f"stage {stage_name}: expected {argument} annotated with {wanted}, got {annotation}; annotate it")
+        raise TypeError(
+            f"stage {stage_name}: expected {argument} annotated with {wanted}, got {annotation}; annotate it"
+        )
     return Input(argument, argument.removeprefix(SHOT), annotation, per_shot, optional)

@@ -1,8 +1,9 @@
 """Store: artifacts as zarr v3 groups, published whole or not at all. The only module that imports zarr.
 
-Layout: `<stage>/<ab>/<rest of the address>/`, one zarr group an artifact. The group's `zarr.json` holds the JSON fields, a
-sha256 per array, the provenance and the arrays' metadata (consolidated). On a local disk the folder is written aside,
-read back, and renamed; in an object store `zarr.json` is written last. Either way its presence means: complete.
+Layout: `<stage>/<ab>/<rest of the address>/`, one zarr group an artifact. The group's `zarr.json` holds the JSON
+fields, a sha256 per array, the provenance and the arrays' metadata (consolidated). On a local disk the folder is
+written aside, read back, and renamed; in an object store `zarr.json` is written last. Either way its presence means:
+complete.
 
 zarr reads a missing chunk as zeros, silently; every read here checks the array's digest instead.
 """
@@ -25,14 +26,14 @@ import fsspec
 import numpy as np
 from fsspec.implementations.local import LocalFileSystem
 
-from pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
-from pipeline.zarr_format import array_metadata, chunk_key, decode, encode, group_metadata
-from schemas.artifact import Artifact
+from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from b23d.pipeline.zarr_format import array_metadata, chunk_key, decode, encode, group_metadata
+from b23d.schemas.artifact import Artifact
 
 A = TypeVar("A", bound=Artifact)
 
 HEAD = "zarr.json"
-WRITING = ".writing"   # artifacts on their way; what is old there was left by a killed process
+WRITING = ".writing"  # artifacts on their way; what is old there was left by a killed process
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ class Store:
 
     def stages(self) -> list[str]:
         """Stages that have artifacts."""
-        return sorted(name for name in self._names("") if not name.startswith(".") and self.fs.isdir(f"{self.root}/{name}"))
+        return sorted(
+            name for name in self._names("") if not name.startswith(".") and self.fs.isdir(f"{self.root}/{name}")
+        )
 
     def has(self, stage: str, address: str) -> bool:
         return bool(self.fs.exists(f"{self.path(stage, address)}/{HEAD}"))
@@ -119,7 +122,9 @@ class Store:
             arrays = {name: ArrayHead(**{**a, "shape": tuple(a["shape"])}) for name, a in attributes["arrays"].items()}
             return Head(attributes["schema"], attributes["values"], arrays, attributes["provenance"])
         except FileNotFoundError as error:
-            raise ArtifactNotFoundError(f"{stage}: expected an artifact at {address[:12]}, got nothing there; run it first") from error
+            raise ArtifactNotFoundError(
+                f"{stage}: expected an artifact at {address[:12]}, got nothing there; run it first"
+            ) from error
         except (ValueError, KeyError, TypeError) as error:
             raise CorruptArtifactError(_corrupt(stage, address, HEAD, error)) from error
 
@@ -127,8 +132,12 @@ class Store:
         """The artifact, each array read and checked against its digest when first touched."""
         head = self.head(stage, address)
         if head.schema != schema.__name__:
-            raise TypeError(f"{stage} {address[:12]}: expected {schema.__name__}, got {head.schema}; check the run's feeds")
-        return schema.lazy(head.values, set(head.arrays), lambda name: self._array(stage, address, name, head.arrays[name]))
+            raise TypeError(
+                f"{stage} {address[:12]}: expected {schema.__name__}, got {head.schema}; check the run's feeds"
+            )
+        return schema.lazy(
+            head.values, set(head.arrays), lambda name: self._array(stage, address, name, head.arrays[name])
+        )
 
     def array(self, stage: str, address: str, name: str) -> np.ndarray:
         """One array. Raises CorruptArtifactError where it is not what was written."""
@@ -151,7 +160,7 @@ class Store:
                     lines.append(f"{name}: expected its chunk, got none")
                 elif _digest(np.asarray(group[name][...])) != array.sha256:
                     lines.append(f"{name}: expected sha256 {array.sha256[:12]}, got other bytes")
-            except Exception as error:   # zarr and its codecs raise their own kinds for damaged bytes
+            except Exception as error:  # zarr and its codecs raise their own kinds for damaged bytes
                 lines.append(f"{name}: {type(error).__name__}: {error}")
         return lines
 
@@ -189,7 +198,7 @@ class Store:
             try:
                 aside.rename(final)
             except OSError:
-                if not (final / HEAD).exists():   # not a rival's complete copy, but something broken: replace it
+                if not (final / HEAD).exists():  # not a rival's complete copy, but something broken: replace it
                     shutil.rmtree(final, ignore_errors=True)
                     aside.rename(final)
         finally:
@@ -217,9 +226,18 @@ def _encode(artifact: Artifact, provenance: dict[str, Any]) -> tuple[dict[str, b
         files[f"{name}/{chunk_key(value.shape)}"] = data
         files[f"{name}/{HEAD}"] = json.dumps(metadata[name]).encode()
         arrays[name] = {
-            "shape": value.shape, "dtype": value.dtype.name, "sharded": sharded, "sha256": _digest(value), "stored_bytes": len(data),
+            "shape": value.shape,
+            "dtype": value.dtype.name,
+            "sharded": sharded,
+            "sha256": _digest(value),
+            "stored_bytes": len(data),
         }
-    attributes = {"schema": type(artifact).__name__, "values": artifact.plain_fields(), "arrays": arrays, "provenance": provenance}
+    attributes = {
+        "schema": type(artifact).__name__,
+        "values": artifact.plain_fields(),
+        "arrays": arrays,
+        "provenance": provenance,
+    }
     return files, json.dumps(group_metadata(attributes, metadata)).encode()
 
 

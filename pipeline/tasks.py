@@ -1,4 +1,5 @@
-"""Tasks: one artifact to make, as a small picklable value. Only addresses travel; a worker reads and writes the store."""
+"""Tasks: one artifact to make, as a small picklable value. Only addresses travel; a worker reads and writes the
+store."""
 
 from __future__ import annotations
 
@@ -17,13 +18,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from pipeline.dataset import Leaf
-from pipeline.index import Failure
-from pipeline.plan import LeafNode, Node, State
-from pipeline.stage import Stage, load_stages
-from pipeline.store import Store
-from schemas.artifact import Artifact
-from schemas.params import Params
+from b23d.pipeline.dataset import Leaf
+from b23d.pipeline.index import Failure
+from b23d.pipeline.plan import LeafNode, Node, State
+from b23d.pipeline.stage import Stage, load_stages
+from b23d.pipeline.store import Store
+from b23d.schemas.artifact import Artifact
+from b23d.schemas.params import Params
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,10 @@ class Task:
 
     def input_addresses(self) -> dict[str, str | list[str]]:
         """Argument → address, as it entered this task's address."""
-        return {name: [i.address for i in item] if isinstance(item, list) else item.address for name, item in self.inputs.items()}
+        return {
+            name: [i.address for i in item] if isinstance(item, list) else item.address
+            for name, item in self.inputs.items()
+        }
 
     def nested(self) -> Iterator[Task]:
         """The transient tasks that run inside this one."""
@@ -102,7 +106,9 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
         elif value is not None:
             inputs[argument] = source(value, keep=False)
     draws = tuple(node.draws)
-    return Task(node.stage, node.address, node.shape, node.category, draws, node.shots, params[node.stage], inputs, store)
+    return Task(
+        node.stage, node.address, node.shape, node.category, draws, node.shots, params[node.stage], inputs, store
+    )
 
 
 def run_task(task: Task) -> Outcome:
@@ -135,7 +141,8 @@ class _Clock:
 
 
 def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact]) -> Artifact:
-    """Run the stage's function on its inputs. `made` holds what ran inline for this task, so that nothing runs twice."""
+    """Run the stage's function on its inputs. `made` holds what ran inline for this task, so that nothing runs
+    twice."""
     stage = _stages()[task.stage]
 
     def load(name: str, item: Stored | Loaded | Task) -> Artifact:
@@ -144,7 +151,9 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
             return _read(store, item, schema)
         if isinstance(item, Loaded):
             leaf = item.leaf
-            return leaf.load({file: path.read_bytes() for file, path in leaf.files.items()}, {**leaf.values, **leaf.context})
+            return leaf.load(
+                {file: path.read_bytes() for file, path in leaf.files.items()}, {**leaf.values, **leaf.context}
+            )
         if item.address not in made:
             made[item.address] = _compute(item, store, clock, made)
         return made[item.address]
@@ -161,12 +170,14 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
     finally:
         clock.seconds += time.perf_counter() - started
     if not isinstance(artifact, stage.gives):
-        raise TypeError(f"stage {task.stage}: expected to give {stage.gives.__name__}, got {type(artifact).__name__}; mend the stage")
+        raise TypeError(
+            f"stage {task.stage}: expected to give {stage.gives.__name__}, got {type(artifact).__name__}; mend the stage"
+        )
     return artifact
 
 
 _KEPT: OrderedDict[tuple[str, str], Artifact] = OrderedDict()
-KEEP = 16   # shots of a few classes and draws; each holds at most a feature and a distance matrix, about 10 MB
+KEEP = 16  # shots of a few classes and draws; each holds at most a feature and a distance matrix, about 10 MB
 
 
 def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
@@ -222,7 +233,19 @@ def _recipe(task: Task) -> dict[str, Any]:
 @cache
 def _versions() -> dict[str, str]:
     found = {"python": platform.python_version()}
-    for name in ("b23d", "numpy", "scipy", "torch", "transformers", "trimesh", "embreex", "pyrender", "potpourri3d", "zarr", "dask"):
+    for name in (
+        "b23d",
+        "numpy",
+        "scipy",
+        "torch",
+        "transformers",
+        "trimesh",
+        "embreex",
+        "pyrender",
+        "potpourri3d",
+        "zarr",
+        "dask",
+    ):
         try:
             found[name] = version(name)
         except PackageNotFoundError:
@@ -243,7 +266,7 @@ def _commit() -> str | None:
 def _device() -> str:
     import sys
 
-    torch = sys.modules.get("torch")   # a stage that used it has imported it
+    torch = sys.modules.get("torch")  # a stage that used it has imported it
     if torch is not None and torch.cuda.is_available():
         return str(torch.cuda.get_device_name())
     return f"{platform.machine()}, {os.cpu_count()} cores"
@@ -251,11 +274,12 @@ def _device() -> str:
 
 def _reset_peak() -> None:
     with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")   # Linux: the high-water mark starts anew
+        Path("/proc/self/clear_refs").write_text("5")  # Linux: the high-water mark starts anew
 
 
 def peak_mb() -> float:
-    """This process's peak resident memory, of the running task where the system can tell (Linux), else since its start."""
+    """This process's peak resident memory, of the running task where the system can tell (Linux), else since its
+    start."""
     try:
         line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
         return int(line.split()[1]) / 1024

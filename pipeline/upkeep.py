@@ -8,12 +8,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.config import load_config
-from pipeline.errors import B23dError
-from pipeline.members import SUFFIX, members
-from pipeline.plan import State
-from pipeline.run import Run
-from pipeline.store import Store
+from b23d.pipeline.config import load_config
+from b23d.pipeline.errors import B23dError
+from b23d.pipeline.members import SUFFIX, members
+from b23d.pipeline.plan import State
+from b23d.pipeline.run import Run
+from b23d.pipeline.store import Store
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class Garbage:
 
 
 def verify(run: Run, watch: Callable[[int, int], None] = lambda done, total: None) -> Iterator[Damage]:
-    """Check every digest of every artifact a run has, through zarr itself. Damaged ones are removed, so that they run again."""
+    """Check every digest of every artifact a run has, through zarr itself. Damaged ones are removed, so that they run
+    again."""
     plan = run.plan()
     shapes: dict[tuple[str, str], set[str]] = {}
     for (stage, shape, _), node in plan.by_shape.items():
@@ -48,11 +49,13 @@ def verify(run: Run, watch: Callable[[int, int], None] = lambda done, total: Non
 
 
 def reached(run_files: Iterable[Path], store: Store, besides: Iterable[Path] = ()) -> set[tuple[str, str]]:
-    """(stage, address) of everything that run files over this store reach: as they stand, members of their series included, and as
-    executed, by the manifests in their folders: the last execution of the run itself, every one of its series.
+    """(stage, address) of everything that run files over this store reach: as they stand, members of their series
+    included, and as executed, by the manifests in their folders: the last execution of the run itself, every one of its
+    series.
 
-    Raises what reading a run file raises: a run file that cannot be read must not lose its artifacts. A member whose weights
-    cannot be had just now keeps what its manifest says. `besides`: run files that have never used the store; they count if they can.
+    Raises what reading a run file raises: a run file that cannot be read must not lose its artifacts. A member whose
+    weights cannot be had just now keeps what its manifest says. `besides`: run files that have never used the store;
+    they count if they can.
     """
     found: set[tuple[str, str]] = set()
     for path in run_files:
@@ -70,7 +73,10 @@ def _reached(path: Path, store: Store) -> set[tuple[str, str]]:
         for member in members(run.config):
             with suppress(B23dError, OSError, ValueError):
                 found |= set(Run.load(path, member.overrides).plan().nodes)
-    for manifest in [run.folder / "manifest.json", *run.folder.with_name(run.folder.name + SUFFIX).glob("manifest-*.json")]:
+    for manifest in [
+        run.folder / "manifest.json",
+        *run.folder.with_name(run.folder.name + SUFFIX).glob("manifest-*.json"),
+    ]:
         if manifest.exists():
             addresses = json.loads(manifest.read_text())["addresses"]
             found |= {(stage, address) for stage, made in addresses.items() for address in made}

@@ -1,8 +1,9 @@
 """Arrays as bytes in the zarr v3 format: one chunk an array, or one chunk per index of the first axis inside one shard.
 
-zarr's own writer and reader take about 2 ms an array, mostly event-loop overhead, and a task handles a dozen arrays; this
-is the same format in tens of microseconds. `tests/test_store.py` has zarr itself read everything written here.
-Codecs: bytes (little endian) → zstd → crc32c; shards end with their index (Zarr v3 specification, sharding-indexed v1.0).
+zarr's own writer and reader take about 2 ms an array, mostly event-loop overhead, and a task handles a dozen arrays;
+this is the same format in tens of microseconds. `tests/test_store.py` has zarr itself read everything written here.
+Codecs: bytes (little endian) → zstd → crc32c; shards end with their index (Zarr v3 specification, sharding-indexed
+v1.0).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import google_crc32c
 import numpy as np
 from numcodecs.zstd import Zstd
 
-LEVEL = 1   # zstd 1 → 3 saves 2 % on features and distances, and doubles the time
+LEVEL = 1  # zstd 1 → 3 saves 2 % on features and distances, and doubles the time
 
 _ZSTD = Zstd(LEVEL)
 
@@ -52,7 +53,12 @@ def array_metadata(shape: tuple[int, ...], dtype: np.dtype, sharded: bool) -> di
     ]
     if sharded:
         index_codecs = [{"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"}]
-        configuration = {"chunk_shape": [1, *shape[1:]], "codecs": codecs, "index_codecs": index_codecs, "index_location": "end"}
+        configuration = {
+            "chunk_shape": [1, *shape[1:]],
+            "codecs": codecs,
+            "index_codecs": index_codecs,
+            "index_location": "end",
+        }
         codecs = [{"name": "sharding_indexed", "configuration": configuration}]
     return {
         "zarr_format": 3,
@@ -89,7 +95,7 @@ def _decode_chunk(data: bytes, shape: tuple[int, ...], dtype: str) -> np.ndarray
     if _crc(body) != checksum:
         raise ValueError("chunk: expected its crc32c, got other bytes")
     out = np.empty(shape, dtype)
-    if out.size:   # zstd decodes no empty frame into a buffer
+    if out.size:  # zstd decodes no empty frame into a buffer
         _ZSTD.decode(body, out=out.reshape(-1).view(np.uint8))
     return out
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from schemas.artifact import Artifact
+from b23d.schemas.artifact import Artifact
 
 
 class Detector(Artifact):
@@ -16,7 +16,8 @@ class Detector(Artifact):
     count: int
     """How many points at most."""
     options: dict[str, float]
-    """The method's own constants, by their names among `calibrate`'s params; lengths in the unit frame, before `scale`."""
+    """The method's own constants, by their names among `calibrate`'s params; lengths in the unit frame, before
+    `scale`."""
     iou: float | None = None
     """On the shots it was calibrated on, so higher than on targets; None where it was not calibrated."""
     shots: list[str]

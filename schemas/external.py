@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from schemas.artifact import Artifact
+from b23d.schemas.artifact import Artifact
 
 
 class External(Artifact):
-    """One file of another program about one shape, not yet read: `stages/external.py` knows the formats."""
+    """One file of another program about one shape, not yet read: `stages/imports/` knows the formats."""
 
     shape: str
     """Name of the shape, for messages: `<class>/<id>`."""

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
-from schemas.artifact import ArraySpec, Artifact
+from b23d.schemas.artifact import ArraySpec, Artifact
 
 
 class PointFeatures(Artifact):

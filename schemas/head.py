@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from schemas.artifact import ArraySpec, Artifact
+from b23d.schemas.artifact import ArraySpec, Artifact
 
 
 class KeypointHead(Artifact):
@@ -19,7 +19,8 @@ class KeypointHead(Artifact):
     ids: Annotated[np.ndarray, ArraySpec("k", "int32")]
     """Every id that some shot has, sorted."""
     mean: Annotated[np.ndarray, ArraySpec("input", "float32")]
-    """Of the inputs over the shots' candidates. Inputs: the scaled feature, then (where `context` > 0) its neighbourhood's mean."""
+    """Of the inputs over the shots' candidates. Inputs: the scaled feature, then (where `context` > 0) its
+    neighbourhood's mean."""
     scale: Annotated[np.ndarray, ArraySpec("input", "float32")]
     weights: Annotated[np.ndarray, ArraySpec("hidden k", "float32")]
     biases: Annotated[np.ndarray, ArraySpec("k", "float32")]
@@ -30,11 +31,13 @@ class KeypointHead(Artifact):
     features: Literal["raw", "centred", "centred-unit", "standardised"]
     """Scale of the features, as `optimize` has it."""
     context: float
-    """σ of the Gaussian geodesic neighbourhood whose mean feature joins the input, in units of the largest distance; 0: none."""
+    """σ of the Gaussian geodesic neighbourhood whose mean feature joins the input, in units of the largest distance; 0:
+    none."""
     loss: float
     """Of the last step."""
     held_out: Annotated[np.ndarray, ArraySpec("shot k", "float32")]
-    """Largest probability of each id on each shot, by a head trained on the other shots; NaN where those lack the id."""
+    """Largest probability of each id on each shot, by a head trained on the other shots; NaN where those lack the
+    id."""
     shots: list[str]
     """Indices of the shots it was trained on, as text."""
     descriptor: str

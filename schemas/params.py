@@ -25,5 +25,9 @@ class Params(BaseModel):
 
     def hashed(self) -> dict[str, Any]:
         """The fields that enter an address, as JSON values."""
-        unhashed = {name for name, field in type(self).model_fields.items() if any(isinstance(m, Unhashed) for m in field.metadata)}
+        unhashed = {
+            name
+            for name, field in type(self).model_fields.items()
+            if any(isinstance(m, Unhashed) for m in field.metadata)
+        }
         return self.model_dump(mode="json", exclude=unhashed)

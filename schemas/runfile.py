@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from schemas.params import Params
+from b23d.schemas.params import Params
 
 
 class Shots(Params):
@@ -19,7 +19,8 @@ class Shots(Params):
     ids: dict[str, list[str]] = {}
     """Class → ids of its shots, instead of drawing: for people who annotated a few shapes themselves."""
     split: Literal["all-but-shots", "official"] = "all-but-shots"
-    """Targets: every shape that is not a shot of the draw, or the data set's own test split (shots then come from train)."""
+    """Targets: every shape that is not a shot of the draw, or the data set's own test split (shots then come from
+    train)."""
 
 
 class StoreOptions(Params):

@@ -1,8 +1,61 @@
-"""The score table of a run: exactly what `b23d scores RUN --json` prints. Ratios in 0 … 1; sd is the sample's, over draws of shots."""
+"""Scores of one prediction against one annotation, and the tables of a run made of them.
+
+Tables are exactly what `b23d scores RUN --json` and `b23d parts RUN --json` print. Ratios in 0 … 1; sd is the sample's,
+over draws of shots.
+"""
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import numpy as np
 from pydantic import BaseModel, ConfigDict
+
+from b23d.schemas.artifact import ArraySpec, Artifact
+
+
+class ShapeScore(Artifact):
+    """How one prediction compares with one annotation, at every threshold. Sums over a class give its
+    micro-averages."""
+
+    thresholds: Annotated[np.ndarray, ArraySpec("t", "float64", unit="data set's units")]
+    true_positives: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    """Label-agnostic, many-to-one (KeypointNet, UKPGAN): annotated keypoints with a prediction within the threshold."""
+    false_positives: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    false_negatives: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    matched: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    """Pairs of the largest one-to-one matching within the threshold, label-agnostic."""
+    labelled: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    """Annotated keypoints whose own id is predicted within the threshold (labelled PCK's numerator)."""
+    symmetric: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    """The same after the best exchange of ids that a symmetry of the shape permits."""
+    annotated: int
+    predicted: int
+    common: int
+    """Ids both predicted and annotated: presence's true positives."""
+    ceiling: Annotated[np.ndarray, ArraySpec("2", "int32", unit="intersection, union")]
+    """Ids seen in the shots against ids annotated: the IoU of a perfect labelled predictor that predicts every id of
+    the shots."""
+    distances: Annotated[np.ndarray, ArraySpec("k g", "float32", unit="data set's units")]
+    """Geodesic distance of every present prediction from every annotated keypoint."""
+    protocol: str
+    annotation_file: str
+    """sha256 of the annotation file the keypoints came from (KeypointNet's labels have drifted over the years)."""
+
+
+class PartScore(Artifact):
+    """How one transferred segmentation compares with one annotation, part by part."""
+
+    intersection: Annotated[np.ndarray, ArraySpec("part", "int32", unit="annotated points")]
+    """Points that are annotated and predicted as the part."""
+    union: Annotated[np.ndarray, ArraySpec("part", "int32", unit="annotated points")]
+    """Points that are annotated or predicted as the part."""
+    present: Annotated[np.ndarray, ArraySpec("part", "bool")]
+    """Whether the annotation has the part."""
+    iou: float
+    """Mean of intersection / union over the parts, by `protocol`; 0 … 1."""
+    names: list[str]
+    protocol: str
 
 
 class _Row(BaseModel):
@@ -66,3 +119,27 @@ class ScoreTable(_Row):
     classes: dict[str, ClassScores]
     mean: ClassScores
     """Over classes in each draw, then over draws; draws that some class lacks are left out of it."""
+
+
+class PartClass(_Row):
+    """One class. Ratios in 0 … 1; mean and the sample's sd over draws of shots."""
+
+    targets: int
+    """Shapes scored at least once."""
+    draws: int
+    iou: Spread
+    """Mean over shapes of each shape's mean IoU over parts."""
+    parts: dict[str, float | None]
+    """Part → mean IoU over draws and the shapes that have it; None where no target has it."""
+
+
+class PartTable(_Row):
+    """Scores of transferred parts, by class: exactly what `b23d parts RUN --json` prints."""
+
+    run: str
+    protocol: str
+    classes: dict[str, PartClass]
+    mean: Spread
+    """Over classes in each draw, then over draws; draws that some class lacks are left out."""
+    instances: Spread
+    """Over all shapes of a draw, whatever their class, then over draws."""

@@ -1,8 +1,8 @@
-"""Shapes as they come (Source), as we use them (NormalizedShape), and their human annotations (Keypoints, Parts).
+"""Shapes as they come (Source), and as we use them (NormalizedShape).
 
 Frames: *source frame* is the file's own, in the data set's units. *Unit frame* is the source frame moved and scaled so
-that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (source - center) / scale`, the
-source turned about the up axis first if so asked. Up is +y in both.
+that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (source - center) / scale`,
+the source turned about the up axis first if so asked. Up is +y in both.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from schemas.artifact import ArraySpec, Artifact
+from b23d.schemas.artifact import ArraySpec, Artifact
 
 
 class Source(Artifact):
@@ -29,7 +29,8 @@ class Source(Artifact):
 
 
 class NormalizedShape(Artifact):
-    """One shape in the unit frame: the surface to render, and the candidate points that features and keypoints live on."""
+    """One shape in the unit frame: the surface to render, and the candidate points that features and keypoints live
+    on."""
 
     kind: Literal["mesh", "cloud"]
     vertices: Annotated[np.ndarray, ArraySpec("v 3", "float32", unit="unit frame")]
@@ -37,7 +38,9 @@ class NormalizedShape(Artifact):
     faces: Annotated[np.ndarray, ArraySpec("f 3", "int32")]
     """Clean faces: no degenerate, duplicate or non-finite ones. Empty for a cloud."""
     vertex_colors: Annotated[np.ndarray, ArraySpec("v 3", "uint8")] | None = None
-    face_uvs: Annotated[np.ndarray, ArraySpec("f 3 2", "float32", unit="texture, origin at the lower left")] | None = None
+    face_uvs: Annotated[np.ndarray, ArraySpec("f 3 2", "float32", unit="texture, origin at the lower left")] | None = (
+        None
+    )
     texture: Annotated[np.ndarray, ArraySpec("h w 3", "uint8")] | None = None
     points: Annotated[np.ndarray, ArraySpec("n 3", "float32", unit="unit frame")]
     """Candidates: the data set's cloud in its own order, or farthest-point samples of the surface."""
@@ -50,7 +53,8 @@ class NormalizedShape(Artifact):
     turn: float = 0.0
     """Degrees by which the source was turned about +y (from +z towards +x) before it was centred and scaled."""
     repairs: dict[str, int]
-    """How many of each were handled: unreferenced_vertices, degenerate_faces, duplicate_faces, non_finite_vertices, …"""
+    """How many of each were handled: unreferenced_vertices, degenerate_faces, duplicate_faces, non_finite_vertices,
+    …"""
 
     def to_unit(self, positions: np.ndarray) -> np.ndarray:
         """Source frame (…, 3) → unit frame, float64."""
@@ -65,28 +69,3 @@ def turned(degrees: float) -> np.ndarray:
     """(3, 3) float64: rotation about +y, from +z towards +x; exactly the identity at 0."""
     sin, cos = np.sin(np.deg2rad(degrees)), np.cos(np.deg2rad(degrees))
     return np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
-
-
-class Keypoints(Artifact):
-    """Human keypoints of one shape, in KeypointNet's sense."""
-
-    ids: Annotated[np.ndarray, ArraySpec("k", "int32")]
-    """Semantic id of each keypoint; unique within a shape."""
-    positions: Annotated[np.ndarray, ArraySpec("k 3", "float64", unit="source frame")]
-    point_indices: Annotated[np.ndarray, ArraySpec("k", "int32")]
-    """Index into the data set's cloud (`pcd_info.point_index`), or -1 where the annotation has none."""
-    reflections: list[tuple[int, ...]] = []
-    """Ids that a mirror symmetry of the shape exchanges. (KeypointNet's `symmetries.reflection[].kp_indexes` are places in the
-    keypoint list, not ids; they are turned into ids on loading.)"""
-    rotations: list[tuple[int, ...]] = []
-    """Ids that a rotational symmetry of the shape exchanges."""
-    annotation_file: str = ""
-    """sha256 of the file the annotation came from; recorded with scores, not part of any address."""
-
-
-class Parts(Artifact):
-    """Human (or exact, procedural) part labels of one shape, at points of its surface."""
-
-    points: Annotated[np.ndarray, ArraySpec("p 3", "float64", unit="source frame")]
-    labels: Annotated[np.ndarray, ArraySpec("p", "int32")]
-    names: list[str] = []

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from schemas.artifact import ArraySpec, Artifact
+from b23d.schemas.artifact import ArraySpec, Artifact
 
 
 class Views(Artifact):
@@ -20,7 +20,9 @@ class Views(Artifact):
 
     images: Annotated[np.ndarray, ArraySpec("view row column 3", "uint8", unit="sRGB, white background", sharded=True)]
     depth: Annotated[np.ndarray, ArraySpec("view row column", "float32", unit="camera z; 0 = background", sharded=True)]
-    face_ids: Annotated[np.ndarray, ArraySpec("view row column", "int32", unit="face or cloud point; -1 = background", sharded=True)]
+    face_ids: Annotated[
+        np.ndarray, ArraySpec("view row column", "int32", unit="face or cloud point; -1 = background", sharded=True)
+    ]
     world_to_camera: Annotated[np.ndarray, ArraySpec("view 4 4", "float64")]
     intrinsics: Annotated[np.ndarray, ArraySpec("3 3", "float64", unit="pixel")]
     renderer: str

@@ -1,15 +1,21 @@
 """The science: one file a stage. Importing this package declares every stage and data set."""
 
-from stages import (
+if __name__ != "b23d.stages":
+    raise ImportError(
+        f"{__name__}: expected to be imported as b23d.stages, got another name; write `from b23d.stages …`"
+    )
+
+from b23d.stages import (
     apply_head,
     backproject,
     calibrate,
     datasets,
     describe,
     detect,
-    external,
     extract,
     geodesic,
+    import_features,
+    import_predictions,
     normalize,
     optimize,
     render,
@@ -27,9 +33,10 @@ __all__ = [
     "datasets",
     "describe",
     "detect",
-    "external",
     "extract",
     "geodesic",
+    "import_features",
+    "import_predictions",
     "normalize",
     "optimize",
     "render",

@@ -5,33 +5,39 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.head import KeypointHead
-from schemas.keypoints import Prediction
-from schemas.params import Params
-from schemas.shape import NormalizedShape
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.head import KeypointHead
+from b23d.schemas.params import Params
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
 
 
 class ApplyHeadParams(Params):
     """How a head's probabilities become keypoints."""
 
     apart: float = Field(default=0.05, ge=0)
-    """Surer ids choose first, and no later one within this distance of them (in units of the shape's largest); 0: every id its best."""
+    """Surer ids choose first, and no later one within this distance of them (in units of the shape's largest); 0: every
+    id its best."""
 
 
 @stage(version=1, hints=Hints(memory_gb=0.5))
 def apply_head(
-    normalize: NormalizedShape, reweight: PointFeatures, geodesic: GeodesicDistances, train_head: KeypointHead, params: ApplyHeadParams
+    normalize: NormalizedShape,
+    reweight: PointFeatures,
+    geodesic: GeodesicDistances,
+    train_head: KeypointHead,
+    params: ApplyHeadParams,
 ) -> Prediction:
     """The most probable candidate of every id; present where its probability reaches the head's threshold.
 
     `costs` are −log probability, `objective` their sum: comparable between heads, not with `optimize`'s.
-    Raises ValueError: features of another encoder than the head's; features or distances that do not fit the candidates or are not finite.
+    Raises ValueError: features of another encoder than the head's; features or distances that do not fit the candidates
+    or are not finite.
     """
-    from stages.heads.choosing import choose
-    from stages.heads.detector import probabilities
-    from stages.heads.inputs import shape_inputs
+    from b23d.stages.heads.choosing import choose
+    from b23d.stages.heads.detector import probabilities
+    from b23d.stages.heads.inputs import shape_inputs
 
     inputs, lengths = shape_inputs("the target", normalize, reweight, geodesic, train_head.features, train_head.context)
     if inputs.shape[1] != len(train_head.mean):

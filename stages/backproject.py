@@ -7,32 +7,35 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import NonNegativeFloat, PositiveInt
 
-from pipeline.stage import stage
-from schemas.features import PointFeatures
-from schemas.params import Params, Unhashed
-from schemas.shape import NormalizedShape
-from schemas.views import Views, ViewTokens
-from stages.geometry.cameras import project
-from stages.renderers.visibility import by_depth, by_face, in_frame
+from b23d.pipeline.stage import stage
+from b23d.schemas.features import PointFeatures
+from b23d.schemas.params import Params, Unhashed
+from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.views import Views, ViewTokens
+from b23d.stages.geometry.cameras import project
+from b23d.stages.renderers.visibility import by_depth, by_face, in_frame
 
 
 class BackprojectParams(Params):
     """Which view sees a point, and what it then gives to it."""
 
     visibility: Literal["point", "face"] = "point"
-    """method.md row 4. "point": nothing in front of the point itself. "face": its face, or one sharing a corner with it, is
-    anywhere in the view, as the released code had it."""
+    """method.md row 4. "point": nothing in front of the point itself. "face": its face, or one sharing a corner with
+    it, is anywhere in the view, as the released code had it."""
     depth_tolerance: NonNegativeFloat = 0.0025
-    """"point": how far behind the surface in its pixel a point still counts as on it; unit frame. Surfaces nearer to each
-    other than this do not hide each other."""
+    """"point": how far behind the surface in its pixel a point still counts as on it; unit frame. Surfaces nearer to
+    each other than this do not hide each other."""
     sample: Literal["nearest", "bilinear"] = "bilinear"
-    """method.md row 19: the token of the patch a point falls in, or interpolated between the four nearest patches' centres."""
+    """method.md row 19: the token of the patch a point falls in, or interpolated between the four nearest patches'
+    centres."""
     batch: Annotated[PositiveInt, Unhashed()] = 16
     """Views summed at a time; the result does not depend on it but for roundings."""
 
 
 @stage(version=1)
-def backproject(normalize: NormalizedShape, render: Views, extract: ViewTokens, params: BackprojectParams) -> PointFeatures:
+def backproject(
+    normalize: NormalizedShape, render: Views, extract: ViewTokens, params: BackprojectParams
+) -> PointFeatures:
     """Mean over the views that see a point of their tokens at its place; zero, and not `observed`, where no view does.
 
     Raises ValueError where views and tokens are not equally many.
@@ -65,7 +68,8 @@ def backproject(normalize: NormalizedShape, render: Views, extract: ViewTokens, 
 
 
 def _faces(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray]:
-    """What `face_ids` count, as corners (f, k), and which of them each candidate lies on: for a cloud, its points' discs."""
+    """What `face_ids` count, as corners (f, k), and which of them each candidate lies on: for a cloud, its points'
+    discs."""
     if shape.kind == "mesh":
         return shape.faces, shape.point_faces
     from scipy.spatial import cKDTree
@@ -74,7 +78,8 @@ def _faces(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(seen: np.ndarray, places: np.ndarray, tokens: np.ndarray, sample: str) -> np.ndarray:
-    """(n, channel) float32: for every point the sum, over these views that see it (view, n), of their tokens at `places`.
+    """(n, channel) float32: for every point the sum, over these views that see it (view, n), of their tokens at
+    `places`.
 
     One sparse product: a row per point, a column per token of these views, four weights per view that sees the point.
     """

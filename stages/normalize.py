@@ -1,4 +1,5 @@
-"""normalize: a shape's files → one clean mesh or cloud in the unit frame, with the candidate points everything else lives on."""
+"""normalize: a shape's files → one clean mesh or cloud in the unit frame, with the candidate points everything else
+lives on."""
 
 from __future__ import annotations
 
@@ -9,13 +10,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.params import Params
-from schemas.shape import NormalizedShape, Source, turned
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.params import Params
+from b23d.schemas.shape import NormalizedShape, Source, turned
 
 if TYPE_CHECKING:
-    from stages.geometry.cleaning import Clean
-    from stages.geometry.surface import Cloud, Surface
+    from b23d.stages.geometry.cleaning import Clean
+    from b23d.stages.geometry.surface import Cloud, Surface
 
 OFF_SURFACE = 0.05
 """A cloud whose median point is farther than this from its mesh (unit frame) does not belong to it."""
@@ -26,8 +27,8 @@ class NormalizeParams(Params):
 
     candidates: Literal["auto", "cloud", "fps"] = "auto"
     """Candidate points: `cloud` = the data set's cloud in its own order (KeypointNet's protocol; the cloud contains the
-    annotated points); `fps` = farthest-point samples of the surface, or of the cloud where there is no mesh; `auto` = the
-    cloud where there is one of at most `cloud_limit` points, else fps."""
+    annotated points); `fps` = farthest-point samples of the surface, or of the cloud where there is no mesh; `auto` =
+    the cloud where there is one of at most `cloud_limit` points, else fps."""
     count: int = Field(2048, ge=1)
     """How many farthest-point samples (fewer only where a bare cloud has fewer points)."""
     cloud_limit: int = Field(8192, ge=1)
@@ -37,14 +38,16 @@ class NormalizeParams(Params):
     max_nonfinite: float = Field(0.01, ge=0, le=1)
     """Fraction of vertices or points that may be NaN or infinite and are repaired; above it the shape is an error."""
     turn: float | Literal["random"] = 0.0
-    """Degrees by which the source is turned about the up axis (from +z towards +x) before anything else, its annotations with it;
-    "random": another angle for every shape, from `seed`. To measure what a method owes to a common orientation."""
+    """Degrees by which the source is turned about the up axis (from +z towards +x) before anything else, its
+    annotations with it; "random": another angle for every shape, from `seed`. To measure what a method owes to a common
+    orientation."""
     watertight: bool = False
-    """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS, SHOT). Candidates
-    are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay; colours and textures are
-    dropped. Shapes that are clouds stay as they are."""
+    """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS,
+    SHOT). Candidates are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay;
+    colours and textures are dropped. Shapes that are clouds stay as they are."""
     watertight_resolution: int = Field(64, ge=8, le=128)
-    """Cells along the shape's longest side: gaps and holes narrower than some 1.7 cells are closed, faces grow with the square."""
+    """Cells along the shape's longest side: gaps and holes narrower than some 1.7 cells are closed, faces grow with the
+    square."""
     colors: bool = True
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
 
@@ -53,16 +56,16 @@ class NormalizeParams(Params):
 def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
     """Read, clean, move to the unit frame, and choose candidates.
 
-    The frame is the box of the vertices that clean faces use (of the cloud's points where there is no mesh). Vertices keep
-    the file's number and order. Faces with a non-finite, repeated or collinear corner, and faces that cover the same three
-    places as an earlier one (either way round), are dropped; all are counted in `repairs`.
+    The frame is the box of the vertices that clean faces use (of the cloud's points where there is no mesh). Vertices
+    keep the file's number and order. Faces with a non-finite, repeated or collinear corner, and faces that cover the
+    same three places as an earlier one (either way round), are dropped; all are counted in `repairs`.
 
-    Raises ValueError, naming the shape: empty or unreadable file; neither faces nor points; a face index out of range; all
-    faces degenerate; more than `max_nonfinite` of the coordinates not finite; fewer than 2 distinct points; `cloud`
+    Raises ValueError, naming the shape: empty or unreadable file; neither faces nor points; a face index out of range;
+    all faces degenerate; more than `max_nonfinite` of the coordinates not finite; fewer than 2 distinct points; `cloud`
     candidates without a cloud; a cloud that does not lie on its mesh.
     """
-    from stages.geometry.loading import load
-    from stages.geometry.surface import Cloud
+    from b23d.stages.geometry.loading import load
+    from b23d.stages.geometry.surface import Cloud
 
     if source.mesh is None and source.cloud is None:
         raise ValueError(f"{source.shape}: expected a mesh or a cloud, got neither; add a file or remove the shape")
@@ -95,9 +98,9 @@ def _turned(positions: np.ndarray, turn: float) -> np.ndarray:
 
 
 def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams, turn: float) -> NormalizedShape:
-    from stages.geometry.cleaning import clean
-    from stages.geometry.nearest import nearest_on_faces
-    from stages.geometry.sampling import DENSITY, farthest_points, surface_samples
+    from b23d.stages.geometry.cleaning import clean
+    from b23d.stages.geometry.nearest import nearest_on_faces
+    from b23d.stages.geometry.sampling import DENSITY, farthest_points, surface_samples
 
     _check_finite(shape, surface.vertices, params, "vertices")
     result = clean(surface.vertices, surface.faces, shape)
@@ -117,7 +120,9 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         dense = surface_samples(result.vertices, result.faces, DENSITY * params.count, rng)
         on = dense[farthest_points(dense.points, params.count)]
         points = on.points
-    colors, uvs, texture = _appearance(surface, result.kept) if params.colors and not params.watertight else (None, None, None)
+    colors, uvs, texture = (
+        _appearance(surface, result.kept) if params.colors and not params.watertight else (None, None, None)
+    )
     return NormalizedShape(
         kind="mesh",
         vertices=result.vertices,
@@ -132,13 +137,18 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         center=_triple(result.frame.center),
         scale=result.frame.scale,
         turn=turn,
-        repairs={**result.repairs, **({"non_finite_points": cloud.repaired} if cloud is not None else {}), **surface.problems},
+        repairs={
+            **result.repairs,
+            **({"non_finite_points": cloud.repaired} if cloud is not None else {}),
+            **surface.problems,
+        },
     )
 
 
 def _closed(result: Clean, resolution: int) -> Clean:
-    """The clean mesh's watertight one in the same frame; counts how many edges were not in exactly two faces, and its faces."""
-    from stages.geometry.watertight import uneven_edges, watertight
+    """The clean mesh's watertight one in the same frame; counts how many edges were not in exactly two faces, and its
+    faces."""
+    from b23d.stages.geometry.watertight import uneven_edges, watertight
 
     vertices, faces = watertight(result.vertices, result.faces, resolution)
     counts = {"uneven_edges": uneven_edges(result.faces), "watertight_faces": len(faces)}
@@ -146,8 +156,8 @@ def _closed(result: Clean, resolution: int) -> Clean:
 
 
 def _cloud(shape: str, cloud: Cloud, params: NormalizeParams, turn: float) -> NormalizedShape:
-    from stages.geometry.cleaning import Frame, check_frame
-    from stages.geometry.sampling import farthest_points
+    from b23d.stages.geometry.cleaning import Frame, check_frame
+    from b23d.stages.geometry.sampling import farthest_points
 
     frame = check_frame(Frame.around(cloud.points), shape)
     vertices = frame.unit(cloud.points).astype(np.float32)
@@ -182,15 +192,15 @@ def _kind(shape: str, cloud: Cloud | None, params: NormalizeParams) -> Literal["
 
 def _finite(shape: str, cloud: Cloud, params: NormalizeParams) -> Cloud:
     """The cloud with its non-finite points put on finite neighbours, and how many those were."""
-    from stages.geometry.cleaning import fill_gaps
-    from stages.geometry.surface import Cloud
+    from b23d.stages.geometry.cleaning import fill_gaps
+    from b23d.stages.geometry.surface import Cloud
 
     bad = _check_finite(shape, cloud.points, params, "points")
     return Cloud(fill_gaps(cloud.points), cloud.colors, repaired=bad)
 
 
 def _check_finite(shape: str, points: np.ndarray, params: NormalizeParams, what: str) -> int:
-    from stages.geometry.cleaning import finite_rows
+    from b23d.stages.geometry.cleaning import finite_rows
 
     bad = len(points) - int(finite_rows(points).sum())
     if bad > params.max_nonfinite * len(points) or bad == len(points):
@@ -202,15 +212,18 @@ def _check_finite(shape: str, points: np.ndarray, params: NormalizeParams, what:
 
 
 def _appearance(surface: Surface, kept: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
-    """(vertex_colors, face_uvs, texture) of the kept faces. Images win over vertex colours, those over plain materials."""
-    from stages.geometry.atlas import bake
+    """(vertex_colors, face_uvs, texture) of the kept faces. Images win over vertex colours, those over plain
+    materials."""
+    from b23d.stages.geometry.atlas import bake
 
     pictured = any(material.image is not None for material in surface.materials)
     if surface.vertex_colors is not None and not pictured:
         return surface.vertex_colors, None, None
     if surface.face_materials is None:
         return None, None, None
-    baked = bake(surface.materials, surface.face_materials[kept], None if surface.face_uvs is None else surface.face_uvs[kept])
+    baked = bake(
+        surface.materials, surface.face_materials[kept], None if surface.face_uvs is None else surface.face_uvs[kept]
+    )
     return (None, None, None) if baked is None else (None, *baked)
 
 

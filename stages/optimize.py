@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.stage import Hints, stage
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.keypoints import Prediction
-from schemas.shape import Keypoints, NormalizedShape
-from stages.solvers.options import OptimizeParams
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.solvers.options import OptimizeParams
 
 if TYPE_CHECKING:
-    from stages.posterior.predicting import Found
-    from stages.solvers.objective import Problem
+    from b23d.stages.solvers.objective import Problem
+    from b23d.stages.solvers.posterior.predicting import Found
 
 
 @stage(version=2, hints=Hints(memory_gb=0.5))
@@ -30,21 +31,26 @@ def optimize(
 ) -> Prediction:
     """The shots' keypoints on the target, one for every id that any shot used has.
 
-    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare; `costs` are each
-    keypoint's share of it and sum to it. `shots` are the indices of the shots used. A pair of the target's candidates that
-    no path joins counts as the shape's largest distance; such a pair of a shot's keypoints counts as not observed.
+    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare; `costs` are
+    each keypoint's share of it and sum to it. `shots` are the indices of the shots used. A pair of the target's
+    candidates that no path joins counts as the shape's largest distance; such a pair of a shot's keypoints counts as
+    not observed.
 
-    Raises ValueError: no keypoint in any shot; several shots of which no two share an id; features of different encoders;
-    features or distances that do not fit the candidates or are not finite; a keypoint beyond the cloud.
+    Raises ValueError: no keypoint in any shot; several shots of which no two share an id; features of different
+    encoders; features or distances that do not fit the candidates or are not finite; a keypoint beyond the cloud.
     """
-    from stages.solvers.objective import objective, shares
-    from stages.solvers.posing import pose
-    from stages.solvers.presence import presence
+    from b23d.stages.solvers.objective import objective, shares
+    from b23d.stages.solvers.posing import pose
+    from b23d.stages.solvers.presence import presence
 
-    template, problem = pose(normalize, reweight, geodesic, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params)
+    template, problem = pose(
+        normalize, reweight, geodesic, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params
+    )
     used = [int(name) for name in template.shots]
     points = normalize.points
-    found = _posterior(normalize, reweight, geodesic, used, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params)
+    found = _posterior(
+        normalize, reweight, geodesic, used, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params
+    )
     choice = _solve(problem, params) if found is None else found.points
     costs = shares(problem, choice)
     by_rule = presence(costs, template, params.presence)
@@ -76,14 +82,16 @@ def _posterior(
     if params.method != "posterior":
         return None
 
-    from stages.geometry.keypoints import keypoint_candidates
-    from stages.posterior.geometry import Prepared, prepare
-    from stages.posterior.learning import learn
-    from stages.posterior.predicting import predict
-    from stages.posterior.turning import aligned, in_frame
-    from stages.solvers.scaling import largest_distance, scale_features
+    from b23d.stages.geometry.keypoints import keypoint_candidates
+    from b23d.stages.solvers.posterior.geometry import Prepared, prepare
+    from b23d.stages.solvers.posterior.learning import learn
+    from b23d.stages.solvers.posterior.predicting import predict
+    from b23d.stages.solvers.posterior.turning import aligned, in_frame
+    from b23d.stages.solvers.scaling import largest_distance, scale_features
 
-    def prepared(s: NormalizedShape, f: PointFeatures, g: GeodesicDistances, k: Keypoints | None = None, name: str = "") -> Prepared:
+    def prepared(
+        s: NormalizedShape, f: PointFeatures, g: GeodesicDistances, k: Keypoints | None = None, name: str = ""
+    ) -> Prepared:
         features = scale_features(f.features, "centred-unit", f.observed)
         distances = g.distances.astype(np.float32)
         distances[np.isinf(distances)] = largest_distance(distances)
@@ -91,7 +99,10 @@ def _posterior(
         return prepare(s.points, features, distances, params.posterior.radii, None if k is None else k.ids, at)
 
     labelled = [i for i in used if len(shot_keypoints[i].ids)]
-    shots = [prepared(shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], f"shot {i}") for i in labelled]
+    shots = [
+        prepared(shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], f"shot {i}")
+        for i in labelled
+    ]
     shots, frames = aligned(shots, params.posterior)
     model = learn(shots, params.posterior)
     target = in_frame(model, frames, prepared(shape, reweight, geodesic), params.posterior)
@@ -100,19 +111,24 @@ def _posterior(
 
 def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
     """The method's choice, (k,) int64."""
-    from stages.solvers.discrete import discrete
-    from stages.solvers.hungarian import hungarian
-    from stages.solvers.nearest import nearest
+    from b23d.stages.solvers.discrete import discrete
+    from b23d.stages.solvers.hungarian import hungarian
+    from b23d.stages.solvers.nearest import nearest
 
     if params.method == "nearest":
         return nearest(problem)
     if params.method == "hungarian":
         return hungarian(problem, params.assignment)
-    search: dict[str, Any] = {"starts": params.starts, "sweeps": params.sweeps, "seed": params.seed, "one_to_one": params.one_to_one}
+    search: dict[str, Any] = {
+        "starts": params.starts,
+        "sweeps": params.sweeps,
+        "seed": params.seed,
+        "one_to_one": params.one_to_one,
+    }
     if params.method == "discrete" and not params.softmax_start:
         return discrete(problem, **search)
 
-    from stages.solvers.softmax import softmax
+    from b23d.stages.solvers.softmax import softmax
 
     relaxed = softmax(
         problem,

@@ -7,17 +7,18 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 
-from pipeline.stage import stage
-from schemas.params import Params
-from schemas.shape import NormalizedShape
-from schemas.views import Views
-from stages.geometry.cameras import fibonacci_angles, fitting_distance, look_at_origin, pinhole, ring_angles
-from stages.renderers import RendererName, renderer
-from stages.renderers.shading import Surface, shade, smooth_normals
+from b23d.pipeline.stage import stage
+from b23d.schemas.params import Params
+from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.views import Views
+from b23d.stages.geometry.cameras import fibonacci_angles, fitting_distance, look_at_origin, pinhole, ring_angles
+from b23d.stages.renderers import RendererName, renderer
+from b23d.stages.renderers.shading import Surface, shade, smooth_normals
 
 
 class RenderParams(Params):
-    """From where, how large, and in what light. The paper gives 62 views on 5 rings and a light at the camera; the rest is ours."""
+    """From where, how large, and in what light. The paper gives 62 views on 5 rings and a light at the camera; the rest
+    is ours."""
 
     layout: Literal["rings", "fibonacci"] = "rings"
     """Viewpoints on equi-angular rings, with top and bottom (method.md row 21); or on a Fibonacci sphere."""
@@ -35,7 +36,8 @@ class RenderParams(Params):
     """Camera's distance from the origin, unit frame. "fit": the least at which the shape is in the frame in every view
     (method.md row 20). A number that leaves any of it outside is an error."""
     distance_factor: float = Field(default=1.0, ge=1)
-    """Multiplies the fitted distance (the paper's "relative render distance"); a `distance` in numbers is taken as it is."""
+    """Multiplies the fitted distance (the paper's "relative render distance"); a `distance` in numbers is taken as it
+    is."""
     margin: float = Field(default=0.05, ge=0, lt=1)
     """Share of the half side kept free at every edge by "fit"."""
     renderer: RendererName = "embree"
@@ -50,7 +52,8 @@ class RenderParams(Params):
     texture: bool = False
     """Draw the shape's texture or else its vertex colours, where it has any, instead of grey."""
     disc_radius: PositiveFloat = 2.0
-    """Point clouds: how far a point's disc may reach, in multiples of the local spacing (distance to the 6th neighbour)."""
+    """Point clouds: how far a point's disc may reach, in multiples of the local spacing (distance to the 6th
+    neighbour)."""
     disc_neighbours: int = Field(default=24, ge=3)
     """Point clouds: neighbours that make a disc's plane and outline."""
 
@@ -119,7 +122,7 @@ def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[Surface, int]:
 
 
 def _cloud(shape: NormalizedShape, params: RenderParams) -> tuple[Surface, int]:
-    from stages.renderers.discs import TRIANGLES_PER_DISC, discs
+    from b23d.stages.renderers.discs import TRIANGLES_PER_DISC, discs
 
     drawn = discs(shape.vertices, params.disc_neighbours, params.disc_radius)
     surface = Surface(

@@ -1,4 +1,5 @@
-"""reweight: Gaussian geodesic re-weighting of point features (the paper's Eq. 1), and features for points that no view saw."""
+"""reweight: Gaussian geodesic re-weighting of point features (the paper's Eq. 1), and features for points that no view
+saw."""
 
 from __future__ import annotations
 
@@ -7,37 +8,41 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.params import Params
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.params import Params
 
 HALF = float(np.finfo(np.float16).max)
 
 
 class ReweightParams(Params):
     sigma: float = Field(default=0.01, ge=0)
-    """Standard deviation of the weight exp(-d² / 2σ²), a length in the unit frame (2,048 candidates lie about 0.015 apart).
-    0 smooths nothing and only fills, with the nearest seen point's features."""
+    """Standard deviation of the weight exp(-d² / 2σ²), a length in the unit frame (2,048 candidates lie about 0.015
+    apart). 0 smooths nothing and only fills, with the nearest seen point's features."""
     normalised: bool = True
-    """Divide by the sum of the weights (Eq. 1). False (the released code): only by the point's own share, so that crowded places
-    come out larger; one factor a shape keeps the mean gain at 1."""
+    """Divide by the sum of the weights (Eq. 1). False (the released code): only by the point's own share, so that
+    crowded places come out larger; one factor a shape keeps the mean gain at 1."""
     weight: Literal["point", "views"] = "point"
-    """What a seen point counts for: "point" once (Eq. 1), "views" by the number of views that saw it (the released code)."""
+    """What a seen point counts for: "point" once (Eq. 1), "views" by the number of views that saw it (the released
+    code)."""
     fill: Literal["geodesic", "zeros"] = "geodesic"
-    """Points no view saw: "geodesic" weights the seen points in the log domain, so that far ones take their nearest seen point's
-    features; "zeros" computes the weights as they are in float32, whose underflow leaves far points at zero (the released code)."""
+    """Points no view saw: "geodesic" weights the seen points in the log domain, so that far ones take their nearest
+    seen point's features; "zeros" computes the weights as they are in float32, whose underflow leaves far points at
+    zero (the released code)."""
     batches: int = Field(default=1, ge=1)
-    """View batches after each of which the running sum is smoothed once more (the released loop, where it is the number of views
-    over the batch size). Only sums over all views are stored, so every batch is taken to have brought an equal share."""
+    """View batches after each of which the running sum is smoothed once more (the released loop, where it is the number
+    of views over the batch size). Only sums over all views are stored, so every batch is taken to have brought an equal
+    share."""
 
 
 @stage(version=1, hints=Hints(memory_gb=0.5))
 def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: ReweightParams) -> PointFeatures:
-    """Smooth features along the surface and fill the points no view saw: f_i = Σ_j w(d_ij) f_j / Σ_j w(d_ij) over seen j.
+    """Smooth features along the surface and fill the points no view saw: f_i = Σ_j w(d_ij) f_j / Σ_j w(d_ij) over seen
+    j.
 
     Linear in the features, once, after all views: the result does not depend on how the views were batched. `observed`,
-    `counts` and `class_token` stay as they were. A part from which no seen point can be reached (only where `geodesic` left
-    infinite distances) takes the mean of all seen points.
+    `counts` and `class_token` stay as they were. A part from which no seen point can be reached (only where `geodesic`
+    left infinite distances) takes the mean of all seen points.
 
     Raises ValueError where no view saw any point, where the two inputs disagree about the candidates, or where
     un-normalised sums exceed half precision.
@@ -45,9 +50,13 @@ def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: Re
     seen = backproject.observed
     distances = geodesic.distances.astype(np.float32)
     if len(distances) != len(seen):
-        raise ValueError(f"geodesic distances: expected {len(seen)} candidates, got {len(distances)}; use those of the same shape")
+        raise ValueError(
+            f"geodesic distances: expected {len(seen)} candidates, got {len(distances)}; use those of the same shape"
+        )
     if not seen.any():
-        raise ValueError("features: expected at least one candidate that a view saw, got none; check views and visibility tolerance")
+        raise ValueError(
+            "features: expected at least one candidate that a view saw, got none; check views and visibility tolerance"
+        )
     masses = np.where(seen, backproject.counts if params.weight == "views" else 1, 0).astype(np.float32)  # (n,)
     features = np.where(seen[:, None], backproject.features, 0).astype(np.float32)  # (n, c)
     smoothed = _smooth(distances, features, masses, params) if params.sigma else features
@@ -69,7 +78,8 @@ def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: Re
 
 
 def _smooth(distances: np.ndarray, features: np.ndarray, masses: np.ndarray, params: ReweightParams) -> np.ndarray:
-    """(n, c) float32: the weighted sum of the seen points' features at every point; zero where all its weights underflow."""
+    """(n, c) float32: the weighted sum of the seen points' features at every point; zero where all its weights
+    underflow."""
     weights = np.exp((distances / np.float32(params.sigma)) ** 2 / -2)
     share, sums = masses / params.batches, features * (masses / params.batches)[:, None]
     total, reached = np.zeros_like(features), np.zeros_like(masses)
@@ -83,11 +93,14 @@ def _smooth(distances: np.ndarray, features: np.ndarray, masses: np.ndarray, par
 
 
 def _relative_weights(distances: np.ndarray, sigma: float) -> np.ndarray:
-    """(u, s) float32 Gaussian weights of each row relative to its largest, which is 1: nothing underflows as a whole."""
+    """(u, s) float32 Gaussian weights of each row relative to its largest, which is 1: nothing underflows as a
+    whole."""
     nearest = distances.min(axis=1, keepdims=True)
     if sigma == 0:
         weights = (distances == nearest).astype(np.float32)
     else:
         with np.errstate(invalid="ignore"):  # inf - inf in rows that reach nothing
-            weights = np.exp((nearest - distances) / np.float32(sigma) * ((nearest + distances) / np.float32(2 * sigma)))
+            weights = np.exp(
+                (nearest - distances) / np.float32(sigma) * ((nearest + distances) / np.float32(2 * sigma))
+            )
     return np.where(np.isinf(nearest), np.float32(1), weights)

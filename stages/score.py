@@ -7,10 +7,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.keypoints import Prediction, ShapeScore
-from schemas.params import Params
-from schemas.shape import Keypoints, NormalizedShape
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.params import Params
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.scores import ShapeScore
+from b23d.schemas.shape import NormalizedShape
 
 Threshold = Annotated[float, Field(ge=0)]
 
@@ -21,11 +23,13 @@ class ScoreParams(Params):
     thresholds: tuple[Threshold, ...] = Field(default=tuple(i / 100 for i in range(11)), min_length=1)
     """Distances at which to count, in `units`."""
     inside: Literal["<=", "<"] = "<="
-    """Whether a distance equal to the threshold is within it. The paper's text says "smaller than", but then nothing is right at 0."""
+    """Whether a distance equal to the threshold is within it. The paper's text says "smaller than", but then nothing is
+    right at 0."""
     iou: Literal["many-to-one", "one-to-one"] = "many-to-one"
-    """What true and false positives and false negatives count, names aside. "many-to-one": keypoints near any prediction, and
-    predictions near no keypoint, so that one prediction may account for several keypoints (KeypointNet, UKPGAN, the published code).
-    "one-to-one": pairs of the largest matching. Sums over a class give its IoU; the mean over classes is of these."""
+    """What true and false positives and false negatives count, names aside. "many-to-one": keypoints near any
+    prediction, and predictions near no keypoint, so that one prediction may account for several keypoints (KeypointNet,
+    UKPGAN, the published code). "one-to-one": pairs of the largest matching. Sums over a class give its IoU; the mean
+    over classes is of these."""
     units: Literal["dataset", "unit"] = "dataset"
     """"dataset": distances of the shape as it is in the data set. "unit": of the shape with its longest side 1."""
     neighbors: int = Field(default=20, ge=1)
@@ -34,16 +38,21 @@ class ScoreParams(Params):
 
 @stage(version=1, hints=Hints(memory_gb=0.3))
 def score(
-    normalize: NormalizedShape, optimize: Prediction, keypoints: Keypoints, shot_keypoints: list[Keypoints], params: ScoreParams
+    normalize: NormalizedShape,
+    optimize: Prediction,
+    keypoints: Keypoints,
+    shot_keypoints: list[Keypoints],
+    params: ScoreParams,
 ) -> ShapeScore:
-    """Counts at every threshold, for all kinds of score; ratios are taken over a class, by `stages.scoring.summary`.
+    """Counts at every threshold, for all kinds of score; ratios are taken over a class, by `stages/scoring/summary.py`.
 
-    Only predictions judged present count. Raises ValueError where a predicted or annotated point lies beyond the candidates.
+    Only predictions judged present count. Raises ValueError where a predicted or annotated point lies beyond the
+    candidates.
     """
-    from stages.scoring.distances import keypoint_distances
-    from stages.scoring.iou import count, count_pairs, within
-    from stages.scoring.matching import labelled, matched, symmetric
-    from stages.scoring.symmetry import exchanges
+    from b23d.stages.scoring.distances import keypoint_distances
+    from b23d.stages.scoring.iou import count, count_pairs, within
+    from b23d.stages.scoring.matching import labelled, matched, symmetric
+    from b23d.stages.scoring.symmetry import exchanges
 
     present = optimize.present
     ids, points, annotated = optimize.ids[present], optimize.points[present], keypoints.ids

@@ -6,28 +6,34 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.stage import Hints, stage
-from schemas.params import Params
-from schemas.parts import PartPrediction, PartScore
-from schemas.shape import NormalizedShape, Parts
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.params import Params
+from b23d.schemas.parts import Parts
+from b23d.schemas.predictions import PartPrediction
+from b23d.schemas.scores import PartScore
+from b23d.schemas.shape import NormalizedShape
 
 
 class PartScoreParams(Params):
     """What counts."""
 
     absent: Literal["one", "skip"] = "one"
-    """A part of the category that is neither annotated nor predicted: "one" counts it with IoU 1 (ShapeNetPart), "skip" leaves it out."""
+    """A part of the category that is neither annotated nor predicted: "one" counts it with IoU 1 (ShapeNetPart), "skip"
+    leaves it out."""
 
 
 @stage(version=1, hints=Hints(memory_gb=0.3))
-def score_parts(normalize: NormalizedShape, transfer: PartPrediction, parts: Parts, params: PartScoreParams) -> PartScore:
-    """Intersection and union of every part over the annotated points, each of which takes the nearest candidate's label.
+def score_parts(
+    normalize: NormalizedShape, transfer: PartPrediction, parts: Parts, params: PartScoreParams
+) -> PartScore:
+    """Intersection and union of every part over the annotated points, each of which takes the nearest candidate's
+    label.
 
-    The shape's IoU is the mean over all parts of its category (Yi et al., A Scalable Active Framework for Region Annotation in
-    3D Shape Collections, SIGGRAPH Asia 2016). Raises ValueError: no annotated points, other part names than the shots have,
-    labels that do not fit the candidates.
+    The shape's IoU is the mean over all parts of its category (Yi et al., A Scalable Active Framework for Region
+    Annotation in 3D Shape Collections, SIGGRAPH Asia 2016). Raises ValueError: no annotated points, other part names
+    than the shots have, labels that do not fit the candidates.
     """
-    from stages.geometry.parts import at_annotated, part_names
+    from b23d.stages.geometry.parts import at_annotated, part_names
 
     if len(transfer.labels) != len(normalize.points):
         n, got = len(normalize.points), len(transfer.labels)

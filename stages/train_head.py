@@ -6,35 +6,38 @@ from typing import Literal
 
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.head import KeypointHead
-from schemas.params import Params
-from schemas.shape import Keypoints, NormalizedShape
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.head import KeypointHead
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.params import Params
+from b23d.schemas.shape import NormalizedShape
 
 
 class TrainHeadParams(Params):
     """What is trained, and how. Defaults fit a few shots of 2,048 candidates: about a second on one core."""
 
     features: Literal["raw", "centred", "centred-unit", "standardised"] = "centred-unit"
-    """Scale of the features, each shape by itself, as `optimize` has it; every channel is then standardised over all shots."""
+    """Scale of the features, each shape by itself, as `optimize` has it; every channel is then standardised over all
+    shots."""
     context: float = Field(default=0.2, ge=0)
-    """σ of the Gaussian geodesic neighbourhood whose mean feature joins each point's own, in units of the shape's largest distance;
-    0: none."""
+    """σ of the Gaussian geodesic neighbourhood whose mean feature joins each point's own, in units of the shape's
+    largest distance; 0: none."""
     sigma: float = Field(default=0.02, gt=0)
     """σ of the heat maps exp(−d² / 2σ²) around the shots' keypoints that are to be reproduced, in the same unit."""
     hidden: int = Field(default=0, ge=0)
     """Width of a hidden layer of rectified units; 0: none, so that every id has a linear detector of its own."""
     components: int = Field(default=64, ge=1)
-    """Leading principal components of the inputs that training is confined to (all there are, if fewer): faster, and less to fit."""
+    """Leading principal components of the inputs that training is confined to (all there are, if fewer): faster, and
+    less to fit."""
     steps: int = Field(default=200, ge=1)
     """Adam steps over all candidates of all shots at once."""
     learning_rate: float = Field(default=0.01, gt=0)
     weight_decay: float = Field(default=1.0, ge=0)
     """Decoupled (AdamW): each step shrinks the weights by learning_rate × this."""
     absent: Literal["calibrated", "never"] = "calibrated"
-    """"calibrated": an id is judged absent below the probability that best separates ids present and absent on held-out shots.
-    "never": every id of the shots is predicted."""
+    """"calibrated": an id is judged absent below the probability that best separates ids present and absent on held-out
+    shots. "never": every id of the shots is predicted."""
     seed: int = Field(default=0, ge=0)
     """Of the initial weights."""
 
@@ -47,24 +50,29 @@ def train_head(
     shot_keypoints: list[Keypoints],
     params: TrainHeadParams,
 ) -> KeypointHead:
-    """A per-point detector of every id that some shot has. It sees the shots only, so that one serves all targets of a draw.
+    """A per-point detector of every id that some shot has. It sees the shots only, so that one serves all targets of a
+    draw.
 
-    Minimises the balanced cross-entropy between predicted probabilities and heat maps: in each id's map the points near its
-    keypoint weigh, all together, as much as the rest. A shot without the id has an empty map.
+    Minimises the balanced cross-entropy between predicted probabilities and heat maps: in each id's map the points near
+    its keypoint weigh, all together, as much as the rest. A shot without the id has an empty map.
 
     Raises ValueError: no keypoint in any shot; features or distances that do not fit the candidates or are not finite;
     features of different encoders; a keypoint beyond the cloud.
     """
     import numpy as np
 
-    from stages.heads.calibration import held_out_peaks, threshold
-    from stages.heads.inputs import check_examples, example
-    from stages.heads.training import Options, train
+    from b23d.stages.heads.calibration import held_out_peaks, threshold
+    from b23d.stages.heads.inputs import check_examples, example
+    from b23d.stages.heads.training import Options, train
 
     shots = zip(shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, strict=True)
-    examples = [example(f"shot {i}", *shot, params.features, params.context, params.sigma) for i, shot in enumerate(shots)]
+    examples = [
+        example(f"shot {i}", *shot, params.features, params.context, params.sigma) for i, shot in enumerate(shots)
+    ]
     check_examples(examples)
-    options = Options(params.hidden, params.components, params.steps, params.learning_rate, params.weight_decay, params.seed)
+    options = Options(
+        params.hidden, params.components, params.steps, params.learning_rate, params.weight_decay, params.seed
+    )
     head = train(examples, options)
     peaks = np.full((len(examples), len(head.ids)), np.nan, np.float32)
     if params.absent == "calibrated":

@@ -7,22 +7,25 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.stage import Hints, stage
-from schemas.features import PointFeatures
-from schemas.params import Params
-from schemas.parts import PartPrediction
-from schemas.shape import NormalizedShape, Parts
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.features import PointFeatures
+from b23d.schemas.params import Params
+from b23d.schemas.parts import Parts
+from b23d.schemas.predictions import PartPrediction
+from b23d.schemas.shape import NormalizedShape
 
 
 class TransferParams(Params):
-    """How labels are carried over. The paper (supplement, part segmentation transfer) says "k-nearest neighbour", one shape to another."""
+    """How labels are carried over. The paper (supplement, part segmentation transfer) says "k-nearest neighbour", one
+    shape to another."""
 
     k: int = Field(default=5, ge=1)
     """Candidates of the shots, all shots together, that vote for a target's candidate (all there are, if fewer)."""
     weighting: Literal["similarity", "uniform"] = "similarity"
     """A vote's weight: 1 + cosine, or 1. Equal sums go to the part with the lower index."""
     features: Literal["raw", "centred", "centred-unit", "standardised"] = "centred-unit"
-    """Scale of the features before the cosine, each shape by itself, as `optimize` has it; "raw" and "centred" differ in the mean only."""
+    """Scale of the features before the cosine, each shape by itself, as `optimize` has it; "raw" and "centred" differ
+    in the mean only."""
 
 
 @stage(version=1, hints=Hints(memory_gb=0.5))
@@ -37,11 +40,11 @@ def transfer(
     """A part label for every candidate of the target.
 
     A shot's candidate has the label of the annotated point nearest to it.
-    Raises ValueError: no labelled point in a shot, labels that `names` does not hold, shots whose parts have other names,
-    features of different encoders or that do not fit the candidates or are not finite.
+    Raises ValueError: no labelled point in a shot, labels that `names` does not hold, shots whose parts have other
+    names, features of different encoders or that do not fit the candidates or are not finite.
     """
-    from stages.geometry.parts import candidate_labels, part_names
-    from stages.solvers.voting import directions, vote
+    from b23d.stages.geometry.parts import candidate_labels, part_names
+    from b23d.stages.solvers.voting import directions, vote
 
     names = part_names({f"shot {i}": parts for i, parts in enumerate(shot_parts)})
     target = directions("the target", reweight, len(normalize.points), params.features)
@@ -51,6 +54,15 @@ def transfer(
         known.append(candidate_labels(parts, shape, f"shot {i}"))
     channels = sorted({len(shape[0]) for shape in (target, *shots)})
     if len(channels) > 1:
-        raise ValueError(f"features: expected as many channels in the target and all shots, got {channels}; use one encoder for all")
-    labels, confidence = vote(target, np.concatenate(shots), np.concatenate(known), len(names), params.k, params.weighting)
-    return PartPrediction(labels=labels, confidence=confidence, names=names, method=f"{params.k}-nearest neighbours, {reweight.descriptor}")
+        raise ValueError(
+            f"features: expected as many channels in the target and all shots, got {channels}; use one encoder for all"
+        )
+    labels, confidence = vote(
+        target, np.concatenate(shots), np.concatenate(known), len(names), params.k, params.weighting
+    )
+    return PartPrediction(
+        labels=labels,
+        confidence=confidence,
+        names=names,
+        method=f"{params.k}-nearest neighbours, {reweight.descriptor}",
+    )

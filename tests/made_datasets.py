@@ -7,7 +7,7 @@ import pickle
 from pathlib import Path
 from typing import Any
 
-from pipeline.dataset import Leaf, Shape
+from b23d.pipeline.dataset import Leaf, Shape
 
 PCD = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n0 0 0\n1 1 1\n"
 PLY = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
@@ -16,7 +16,10 @@ PLY_MESH = PLY + b"element face 1\nproperty list uchar int vertex_indices\nend_h
 
 
 def entry(model: str, class_id: str | None = "01", **more: Any) -> dict[str, Any]:
-    keypoints = [{"semantic_id": 4, "xyz": [0, 0, 0], "pcd_info": {"point_index": 0}}, {"semantic_id": 7, "xyz": [1, 1, 1.5]}]
+    keypoints = [
+        {"semantic_id": 4, "xyz": [0, 0, 0], "pcd_info": {"point_index": 0}},
+        {"semantic_id": 7, "xyz": [1, 1, 1.5]},
+    ]
     symmetries = {"reflection": [{"kp_indexes": [0, 1]}], "rotation": []}
     made = {"class_id": class_id, "model_id": model, "keypoints": keypoints, "symmetries": symmetries, **more}
     return {key: value for key, value in made.items() if value is not None}
@@ -26,7 +29,9 @@ def put(root: Path, files: dict[str, bytes | str | list[Any]]) -> Path:
     for name, data in files.items():
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data if isinstance(data, bytes) else (data if isinstance(data, str) else json.dumps(data)).encode())
+        path.write_bytes(
+            data if isinstance(data, bytes) else (data if isinstance(data, str) else json.dumps(data)).encode()
+        )
     return root
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.shape import Keypoints, NormalizedShape, Parts
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.parts import Parts
+from b23d.schemas.shape import NormalizedShape
 
 CENTER, SCALE = (1.0, -2.0, 0.5), 3.0
 """Of every shape made here: annotations stand in the source frame."""
@@ -35,13 +37,20 @@ def source(points: np.ndarray) -> np.ndarray:
 
 def described(features: np.ndarray) -> PointFeatures:
     n = len(features)
-    return PointFeatures(features=features.astype(np.float16), counts=np.ones(n, np.int32), observed=np.ones(n, bool), descriptor="made up")
+    return PointFeatures(
+        features=features.astype(np.float16),
+        counts=np.ones(n, np.int32),
+        observed=np.ones(n, bool),
+        descriptor="made up",
+    )
 
 
 def apart(points: np.ndarray) -> GeodesicDistances:
     """Straight distances."""
     lengths = np.linalg.norm(points[:, None] - points[None], axis=2)
-    return GeodesicDistances(distances=lengths.astype(np.float16), components=np.zeros(len(points), np.int32), method="straight")
+    return GeodesicDistances(
+        distances=lengths.astype(np.float16), components=np.zeros(len(points), np.int32), method="straight"
+    )
 
 
 def labelled(points: np.ndarray, labels: np.ndarray, names: list[str]) -> Parts:
@@ -49,4 +58,6 @@ def labelled(points: np.ndarray, labels: np.ndarray, names: list[str]) -> Parts:
 
 
 def keypointed(points: np.ndarray, ids: list[int], at: list[int]) -> Keypoints:
-    return Keypoints(ids=np.array(ids, np.int32), positions=source(points[at]).reshape(-1, 3), point_indices=np.array(at, np.int32))
+    return Keypoints(
+        ids=np.array(ids, np.int32), positions=source(points[at]).reshape(-1, 3), point_indices=np.array(at, np.int32)
+    )

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from schemas.shape import NormalizedShape, Source
-from stages.normalize import NormalizeParams, normalize
+from b23d.schemas.shape import NormalizedShape, Source
+from b23d.stages.normalize import NormalizeParams, normalize
 
 
 def obj(vertices: Any, faces: Any) -> bytes:
@@ -28,12 +28,18 @@ def of_mesh(vertices: Any, faces: Any, cloud: Any = None, **params: Any) -> Norm
 
 
 def of_cloud(points: Any, shape: str = "chair/one", **params: Any) -> NormalizedShape:
-    return normalize(Source(shape=shape, files={"c.xyz": xyz(points)}, cloud="c.xyz"), NormalizeParams(**{"count": 128, **params}))
+    return normalize(
+        Source(shape=shape, files={"c.xyz": xyz(points)}, cloud="c.xyz"), NormalizeParams(**{"count": 128, **params})
+    )
 
 
 def on_surface(shape: NormalizedShape) -> np.ndarray:
     """Where the faces and barycentrics of the candidates say that they are."""
-    return np.einsum("nc,ncx->nx", shape.point_barycentrics.astype(float), shape.vertices[shape.faces[shape.point_faces]].astype(float))
+    return np.einsum(
+        "nc,ncx->nx",
+        shape.point_barycentrics.astype(float),
+        shape.vertices[shape.faces[shape.point_faces]].astype(float),
+    )
 
 
 BOX = trimesh.creation.box((1, 2, 4))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pipeline.run import Run
+from b23d.pipeline.run import Run
 
 RUN = """
 name = "mixed"
@@ -36,7 +36,7 @@ transient = ["render", "extract"]
 AXES = np.array([[0.5, 0, 0], [-0.5, 0, 0], [0, 0.4, 0], [0, -0.4, 0], [0, 0, 0.3], [0, 0, -0.3]])
 
 
-_FOLDER = tempfile.TemporaryDirectory(prefix="b23d-report-")   # removed when the tests end
+_FOLDER = tempfile.TemporaryDirectory(prefix="b23d-report-")  # removed when the tests end
 
 
 @cache
@@ -56,7 +56,10 @@ def make_mixed(folder: Path) -> Run:
         egg = trimesh.creation.icosphere(subdivisions=3).vertices * [0.5, 0.3 + 0.05 * i, 0.3]
         _put(folder / "shapes" / "egg" / f"e{i}.xyz", "\n".join(f"{x} {y} {z}" for x, y, z in egg).encode())
         entries.append(_entry(f"e{i}", AXES * [1, (0.3 + 0.05 * i) / 0.4, 1]))
-    _put(folder / "shapes" / "lonely" / "l0.ply", trimesh.exchange.ply.export_ply(trimesh.creation.icosphere(subdivisions=2)))
+    _put(
+        folder / "shapes" / "lonely" / "l0.ply",
+        trimesh.exchange.ply.export_ply(trimesh.creation.icosphere(subdivisions=2)),
+    )
     entries.append(_entry("l0", AXES * 2))
     _put(folder / "shapes" / "box" / "broken.ply", b"ply\nformat ascii 1.0\nend_header\n")
     (folder / "shapes" / "keypoints.json").write_text(json.dumps(entries))
@@ -64,12 +67,17 @@ def make_mixed(folder: Path) -> Run:
     path.write_text(RUN.format(store=folder / "store"))
     run = Run.load(path, ["stages.optimize.alpha=0.5"])
     report = run.execute(workers=0)
-    assert {failure.shape for failure in report.failures} == {"box/broken", "lonely (draw 0)", "lonely (draw 1)"}, report.failures
+    assert {failure.shape for failure in report.failures} == {"box/broken", "lonely (draw 0)", "lonely (draw 1)"}, (
+        report.failures
+    )
     return run
 
 
 def _entry(model: str, corners: np.ndarray) -> dict[str, object]:
-    return {"model_id": model, "keypoints": [{"xyz": corner.tolist(), "semantic_id": 2 * k} for k, corner in enumerate(corners)]}
+    return {
+        "model_id": model,
+        "keypoints": [{"xyz": corner.tolist(), "semantic_id": 2 * k} for k, corner in enumerate(corners)],
+    }
 
 
 def _put(path: Path, data: bytes) -> None:

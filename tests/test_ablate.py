@@ -10,20 +10,24 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app, plug_in
-from pipeline.config import load_config
-from stages.commands.ablate import DETOURS, Change, changes, members
+from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.config import load_config
+from b23d.stages.workbench.commands.ablate import DETOURS, Change, changes, members
 from tests.small_runs import make_boxes
 
 plug_in()
 RUNS = Path(__file__).parents[1] / "runs"
 
 
-def way(origin: str = "released", goal: str = "corrected", via: list[str] = DETOURS, fixed: tuple[str, ...] = ()) -> list[Change]:
+def way(
+    origin: str = "released", goal: str = "corrected", via: list[str] = DETOURS, fixed: tuple[str, ...] = ()
+) -> list[Change]:
     run = load_config(RUNS / "keypointnet.toml")
     start = RUNS / f"{origin}.toml"
     names = [text.partition("=")[0] for text in via]
-    return changes(load_config(start), load_config(RUNS / f"{goal}.toml"), run.stages, load_config(start, via), names, fixed)
+    return changes(
+        load_config(start), load_config(RUNS / f"{goal}.toml"), run.stages, load_config(start, via), names, fixed
+    )
 
 
 def test_the_way_is_one_field_at_a_time_from_one_setting_to_the_other() -> None:
@@ -39,7 +43,9 @@ def test_the_way_is_one_field_at_a_time_from_one_setting_to_the_other() -> None:
 def test_steps_are_in_dataflow_order_between_the_detours() -> None:
     steps = way()
     assert [str(step) for step in (steps[0], *steps[-2:])] == [
-        "optimize.method: softmax → discrete", "optimize.method: discrete → posterior", "optimize.presence: all → evidence",
+        "optimize.method: softmax → discrete",
+        "optimize.method: discrete → posterior",
+        "optimize.presence: all → evidence",
     ]
     order = list(load_config(RUNS / "keypointnet.toml").stages)
     stages = [order.index(step.field.split(".")[1]) for step in steps[1:-2]]
@@ -66,7 +72,12 @@ def test_members_say_every_field_of_the_way() -> None:
     found = members("start", steps, "n")
     assert [m.label for m in found] == ["start", "a.x: 1 → 2", 'b.y: null → ["u"]', "a.x: 2 → 3"]
     assert [m.overrides[0] for m in found] == ["stages.a.x=1", "stages.a.x=2", "stages.a.x=2", "stages.a.x=3"]
-    assert [m.overrides[1] for m in found] == ["stages.b.y=null", "stages.b.y=null", 'stages.b.y=["u"]', 'stages.b.y=["u"]']
+    assert [m.overrides[1] for m in found] == [
+        "stages.b.y=null",
+        "stages.b.y=null",
+        'stages.b.y=["u"]',
+        'stages.b.y=["u"]',
+    ]
     assert all(m.overrides[-1] == "name=n" for m in found)
 
 
@@ -100,7 +111,9 @@ def test_released_to_corrected_end_to_end(boxes: Path) -> None:
     assert list(ran) == [str(step) for step in way()]
     for label, stages in ran.items():
         changed = label.split(".")[0]
-        allowed = {"geodesic": {"geodesic", "reweight", "optimize", "score"}}.get(changed, set(downstream[downstream.index(changed):]))
+        allowed = {"geodesic": {"geodesic", "reweight", "optimize", "score"}}.get(
+            changed, set(downstream[downstream.index(changed) :])
+        )
         assert set(stages.split(", ")) <= allowed - {"geodesic"} | {changed}, label
     table = [line for line in output.splitlines() if "→" in line and "│" in line]
     assert [line.split("│")[1].strip() for line in table] == list(ran), "labels stand on one line each"

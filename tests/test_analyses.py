@@ -1,4 +1,5 @@
-"""`b23d analyse`: what it compares has known answers; every run file in runs/analyses plans; the command writes its page."""
+"""`b23d analyse`: what it compares has known answers; every run file in runs/analyses plans; the command writes its
+page."""
 
 from __future__ import annotations
 
@@ -8,16 +9,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.config import load_config
-from pipeline.errors import RunFileError
-from pipeline.members import members
-from pipeline.run import Run
-from schemas.shape import Keypoints
-from stages.analyses.comparing import centred, cosine, nearer_share, typical_difference
-from stages.analyses.semantic import Described, searches
-from stages.commands.analyse import analyse, analysis_of
-from stages.describe import DescribeParams, describe
-from stages.normalize import NormalizeParams, normalize
+from b23d.pipeline.config import load_config
+from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.members import members
+from b23d.pipeline.run import Run
+from b23d.schemas.keypoints import Keypoints
+from b23d.stages.describe import DescribeParams, describe
+from b23d.stages.normalize import NormalizeParams, normalize
+from b23d.stages.workbench.analyses.comparing import centred, cosine, nearer_share, typical_difference
+from b23d.stages.workbench.analyses.semantic import Described, searches
+from b23d.stages.workbench.commands.analyse import analyse, analysis_of
 from tests.shared_data import shared
 
 FILES = sorted((Path(__file__).parents[1] / "runs" / "analyses").glob("*.toml"))
@@ -81,7 +82,9 @@ def test_exact_descriptors_find_every_keypoint_and_random_ones_guess() -> None:
     exact = searches([made_up(np.eye(300), 6) for _ in range(3)], near=0.05)
     assert len(exact) == 6 * 6 and (exact[["points", "ids", "error"]] == 0).all(axis=None)
     random = searches([made_up(rng.normal(size=(300, 20)), 20) for _ in range(4)], near=0.05)
-    assert random["points"].mean() == pytest.approx(0.5, abs=0.08) and random["ids"].mean() == pytest.approx(0.5, abs=0.08)
+    assert random["points"].mean() == pytest.approx(0.5, abs=0.08) and random["ids"].mean() == pytest.approx(
+        0.5, abs=0.08
+    )
 
 
 def test_what_a_symmetry_exchanges_is_not_wrong() -> None:
@@ -91,11 +94,13 @@ def test_what_a_symmetry_exchanges_is_not_wrong() -> None:
     assert (plain.loc[plain["id"] < 2, ["points", "ids", "error"]] > 0).all(axis=None)
     mirrored = searches([made_up(features, 3, True), made_up(swapped, 3, True)], near=0.05)
     assert (mirrored["error"] == 0).all(), "the mate is as good"
-    assert (mirrored.loc[mirrored["id"] < 2, "ids"] == 0.5).all(), "nothing is wrong but the third, which is as far as the right one"
+    assert (mirrored.loc[mirrored["id"] < 2, "ids"] == 0.5).all(), (
+        "nothing is wrong but the third, which is as far as the right one"
+    )
 
 
 def test_hks_is_blind_to_the_isometry_and_shot_is_not(tmp_path: Path) -> None:
-    from stages.datasets.procedural.pairs import Pairs
+    from b23d.stages.datasets.procedural.pairs import Pairs
 
     both = []
     for shape in Pairs(kind="pairs", pairs=["cubes"], points=256).shapes():
@@ -110,7 +115,7 @@ def test_hks_is_blind_to_the_isometry_and_shot_is_not(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pair", ["cubes", "boxes", "bump", "stretch", "engines"])
 def test_a_pair_differs_in_one_place_only(pair: str) -> None:
-    from stages.datasets.procedural.pairs import Pairs, made
+    from b23d.stages.datasets.procedural.pairs import Pairs, made
 
     first, second = made(pair)  # type: ignore[arg-type]
     assert (first.faces == second.faces).all()
@@ -144,7 +149,9 @@ def test_a_sweep_is_one_with_itself_and_falls_with_distance(tmp_path: Path) -> N
     assert table["distance"].tolist() == [1, 1.5, 3], "sorted"
     assert table["cosine"][0] == pytest.approx(1) and table["sd"][0] == pytest.approx(0, abs=1e-6)
     assert 1 > table["cosine"][1] > table["cosine"][2]
-    assert "almost linear relationship" in page and "<script src" not in page and "<link rel=\"stylesheet" not in page, "self-contained"
+    assert "almost linear relationship" in page and "<script src" not in page and '<link rel="stylesheet' not in page, (
+        "self-contained"
+    )
 
 
 def test_views_are_counted(tmp_path: Path) -> None:
@@ -153,7 +160,9 @@ def test_views_are_counted(tmp_path: Path) -> None:
 
 
 def test_features_feel_the_dent_and_hks_does_not(tmp_path: Path) -> None:
-    table, page = analysed("isometric", tmp_path, {"dataset.pairs": '["boxes"]', "stages.render.resolution": "96", "dataset.points": "256"})
+    table, page = analysed(
+        "isometric", tmp_path, {"dataset.pairs": '["boxes"]', "stages.render.resolution": "96", "dataset.points": "256"}
+    )
     means = table.pivot_table("difference", "descriptor", "zone")
     assert means.loc[["HKS", "WKS"]].max(axis=None) < 0.02
     assert means.loc["features", "changed"] > 1.5 * means.loc["features", "> 0.3"]
@@ -161,15 +170,21 @@ def test_features_feel_the_dent_and_hks_does_not(tmp_path: Path) -> None:
     assert page.count("data:image/webp") == 4 * 2
 
 
-@pytest.mark.parametrize(("name", "columns"), [("semantic", ["descriptor", "class", "AUC"]), ("pca", ["class", "descriptor", "shapes"])])
+@pytest.mark.parametrize(
+    ("name", "columns"), [("semantic", ["descriptor", "class", "AUC"]), ("pca", ["class", "descriptor", "shapes"])]
+)
 def test_classes_are_analysed(name: str, columns: list[str], tmp_path: Path) -> None:
     table, page = analysed(name, tmp_path)
-    assert table.columns.tolist()[:3] == columns and set(table["class"]) == {"mug"} and {"features", "HKS"} <= set(table["descriptor"])
+    assert (
+        table.columns.tolist()[:3] == columns
+        and set(table["class"]) == {"mug"}
+        and {"features", "HKS"} <= set(table["descriptor"])
+    )
     assert "<h1>" in page and table.select_dtypes("number").notna().all(axis=None)
 
 
 def test_the_report_links_to_the_analysis(tmp_path: Path) -> None:
-    from stages.report.writing import write_report
+    from b23d.stages.workbench.report.writing import write_report
 
     path, overrides = tiny("pca", tmp_path)
     run = Run.load(path, [*overrides, 'outputs=["reweight"]'], str(tmp_path / "store"))
@@ -183,10 +198,14 @@ def test_the_report_links_to_the_analysis(tmp_path: Path) -> None:
 def test_members_are_a_sweep_s_values_and_the_variants(tmp_path: Path) -> None:
     variants = '{"HKS" = {"feeds.backproject" = "describe", "shots.count" = 1}, "plain" = {}}'
     path, _ = tiny("pca", tmp_path)
-    listed = members(load_config(path, [f"variants={variants}", 'sweep={"stages.render.rings" = [1, 2]}', "shots.count=2"]))
+    listed = members(
+        load_config(path, [f"variants={variants}", 'sweep={"stages.render.rings" = [1, 2]}', "shots.count=2"])
+    )
     assert [member.label for member in listed] == ["stages.render.rings = 1", "stages.render.rings = 2", "HKS", "plain"]
     hks = load_config(path, listed[2].overrides)
-    assert hks.file.feeds == {"backproject": "describe"} and hks.file.shots.count == 1, "a variant sets over what is set throughout"
+    assert hks.file.feeds == {"backproject": "describe"} and hks.file.shots.count == 1, (
+        "a variant sets over what is set throughout"
+    )
     assert load_config(path, listed[3].overrides).file.shots.count == 2
 
 
@@ -199,8 +218,15 @@ def test_errors_say_what_to_do(tmp_path: Path) -> None:
     ):
         with pytest.raises(RunFileError, match=words):
             analyse(path, [*overrides, more], str(tmp_path / "store"), workers=0)
-    with pytest.raises(ValueError, match=r"analysis.reference: expected one of the swept values 1, got 9.0; sweep it, too"):
-        analyse(path, [*overrides, "analysis.reference=9", 'sweep={"stages.render.rings" = [1]}'], str(tmp_path / "store"), workers=0)
+    with pytest.raises(
+        ValueError, match=r"analysis.reference: expected one of the swept values 1, got 9.0; sweep it, too"
+    ):
+        analyse(
+            path,
+            [*overrides, "analysis.reference=9", 'sweep={"stages.render.rings" = [1]}'],
+            str(tmp_path / "store"),
+            workers=0,
+        )
     path, overrides = tiny("pca", tmp_path)
     with pytest.raises(ValueError, match="expected a cloud whose points correspond"):
         analyse(path, [*overrides, 'analysis={"kind" = "similarity"}'], str(tmp_path / "store"), workers=0)
@@ -209,7 +235,12 @@ def test_errors_say_what_to_do(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_textured_chairs(tmp_path: Path) -> None:
     root = shared("textured/sweethome3d")
-    more = {"dataset.root": f'"{root}"', "shots.draws": "[0]", "stages.render.resolution": "96", "stages.normalize.count": "512"}
+    more = {
+        "dataset.root": f'"{root}"',
+        "shots.draws": "[0]",
+        "stages.render.resolution": "96",
+        "stages.normalize.count": "512",
+    }
     table, page = analysed("textured", tmp_path, more)
     assert table["variant"].tolist() == ["grey", "textured"] and (table["IoU .10"] > 0.2).all()
     assert page.count("data:image/webp") == 2 * 15

@@ -1,4 +1,5 @@
-"""Annotating by hand: rays land exactly on the surface, the file keeps all that is not edited, a run uses what was saved."""
+"""Annotating by hand: rays land exactly on the surface, the file keeps all that is not edited, a run uses what was
+saved."""
 
 from __future__ import annotations
 
@@ -15,13 +16,13 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from pipeline.cli import app, plug_in
-from pipeline.run import Run
-from schemas.shape import Source
-from stages.annotate.entries import ConflictError, Edited, edited_entry, read_entries, save_entry
-from stages.annotate.geometry import Pickable
-from stages.annotate.server import AnnotationServer
-from stages.annotate.session import Session
+from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.run import Run
+from b23d.schemas.shape import Source
+from b23d.stages.workbench.annotate.entries import ConflictError, Edited, edited_entry, read_entries, save_entry
+from b23d.stages.workbench.annotate.geometry import Pickable
+from b23d.stages.workbench.annotate.server import AnnotationServer
+from b23d.stages.workbench.annotate.session import Session
 from tests.small_runs import make_boxes
 
 plug_in()
@@ -36,7 +37,9 @@ def pickable(mesh: trimesh.Trimesh, cloud: np.ndarray | None = None, suffix: str
     if cloud is not None:
         files["cloud.xyz"] = xyz(cloud)
     files = {name: data.encode() if isinstance(data, str) else data for name, data in files.items()}
-    return Pickable.load(Source(shape="box/one", files=files, mesh=f"mesh.{suffix}", cloud="cloud.xyz" if cloud is not None else None))
+    return Pickable.load(
+        Source(shape="box/one", files=files, mesh=f"mesh.{suffix}", cloud="cloud.xyz" if cloud is not None else None)
+    )
 
 
 def session(run: Run, name: str, keypoints: Path | None = None) -> Session:
@@ -68,13 +71,17 @@ def test_a_ray_lands_on_the_first_face_it_meets() -> None:
         np.testing.assert_array_equal(np.asarray(hit.mesh_info["face_uv"]) @ corners, hit.xyz)
         assert sum(hit.mesh_info["face_uv"]) == pytest.approx(1) and min(hit.mesh_info["face_uv"]) >= 0
         assert np.linalg.norm(np.cross(hit.unit, direction)) < 1e-9, "on the ray"
-        assert np.dot(hit.unit, direction) < 0 and np.dot(hit.normal, direction) < 0, "on the near side, seen from the viewer"
+        assert np.dot(hit.unit, direction) < 0 and np.dot(hit.normal, direction) < 0, (
+            "on the near side, seen from the viewer"
+        )
     assert shape.hit([0, 3, 0], [0, 1, 0]) is None and shape.hit([0.6, 3, 0], [0, -1, 0]) is None
 
 
 def test_faces_are_counted_as_the_file_has_them() -> None:
     box = trimesh.creation.box(extents=(1, 1, 1))
-    faces = np.insert(np.asarray(box.faces), [0, 0, 5], [[0, 0, 1], [2, 2, 2], [1, 1, 3]], axis=0)   # degenerate ones, which cleaning drops
+    faces = np.insert(
+        np.asarray(box.faces), [0, 0, 5], [[0, 0, 1], [2, 2, 2], [1, 1, 3]], axis=0
+    )  # degenerate ones, which cleaning drops
     shape = pickable(trimesh.Trimesh(np.asarray(box.vertices), faces, process=False))
     hit = shape.hit([0.2, 3, 0.1], [0, -1, 0])
     assert hit is not None and hit.mesh_info is not None
@@ -105,9 +112,14 @@ def test_colours_of_vertices_are_drawn() -> None:
 
 
 ENTRY = {
-    "model_id": "m", "class_id": "c", "note": "kept",
+    "model_id": "m",
+    "class_id": "c",
+    "note": "kept",
     "keypoints": [{"xyz": [float(i), 0, 0], "semantic_id": 10 + i, "rgb": [i, i, i], "mine": i} for i in range(4)],
-    "symmetries": {"reflection": [{"kp_indexes": [0, 1], "x": 1}, {"kp_indexes": [2, 3]}], "rotation": [{"kp_indexes": [0, 2, 3]}]},
+    "symmetries": {
+        "reflection": [{"kp_indexes": [0, 1], "x": 1}, {"kp_indexes": [2, 3]}],
+        "rotation": [{"kp_indexes": [0, 2, 3]}],
+    },
 }
 
 
@@ -120,7 +132,7 @@ def test_symmetries_follow_their_keypoints() -> None:
     entry = edited_entry(ENTRY, [Edited(11, 1, None), Edited(99, 2, moved), Edited(13, 3, None)])
     assert entry["symmetries"] == {"reflection": [{"kp_indexes": [1, 2]}], "rotation": [{"kp_indexes": [1, 2]}]}
     assert entry["keypoints"][1] == {"xyz": [5, 5, 5], "semantic_id": 99, "mine": 2, "pcd_info": {"point_index": 3}}
-    assert entry["keypoints"][0] == ENTRY["keypoints"][1] and entry["note"] == "kept"   # type: ignore[index]
+    assert entry["keypoints"][0] == ENTRY["keypoints"][1] and entry["note"] == "kept"  # type: ignore[index]
     with pytest.raises(ValueError, match="every semantic_id once"):
         edited_entry(ENTRY, [Edited(1, 0, None), Edited(1, 1, None)])
 
@@ -137,7 +149,9 @@ def test_saving_replaces_one_entry_and_merges_what_others_did(tmp_path: Path) ->
     assert entries == json.loads(path.read_text()) == [others[0], new, others[2]]
     assert "2 more models" in merged and path.stat().st_mode & 0o777 == 0o640
     assert [p.name for p in tmp_path.iterdir()] == ["keypoints.json"], "nothing left aside"
-    assert save_entry(path, lambda e: e["model_id"] == "m", entries, new, force=False)[1] == "", "nothing to tell when nothing changed"
+    assert save_entry(path, lambda e: e["model_id"] == "m", entries, new, force=False)[1] == "", (
+        "nothing to tell when nothing changed"
+    )
 
 
 def test_the_same_model_changed_by_another_is_never_overwritten_silently(tmp_path: Path) -> None:
@@ -158,7 +172,9 @@ def test_deleting_every_keypoint_asks_and_removes_the_entry(tmp_path: Path) -> N
     loaded, empty = read_entries(path), edited_entry(ENTRY, [])
     with pytest.raises(ConflictError, match="no keypoint is left"):
         save_entry(path, lambda e: e["model_id"] == "m", loaded, empty, force=False)
-    assert [e["model_id"] for e in save_entry(path, lambda e: e["model_id"] == "m", loaded, empty, force=True)[0]] == ["a"]
+    assert [e["model_id"] for e in save_entry(path, lambda e: e["model_id"] == "m", loaded, empty, force=True)[0]] == [
+        "a"
+    ]
 
 
 def test_a_new_annotation_is_used_by_the_next_plan(tmp_path: Path) -> None:
@@ -248,9 +264,15 @@ def test_only_who_has_the_whole_address_is_served(server: AnnotationServer) -> N
 def test_the_server_tells_what_is_wrong(server: AnnotationServer) -> None:
     before = server.session.path.read_text()
     assert ask(f"{server.url}save", {"keypoints": [{"id": 0, "place": 99, "hit": None}]})[0] == 400
-    status, text = ask(f"{server.url}save", {"keypoints": [{"id": 1, "place": 0, "hit": None}, {"id": 1, "place": 1, "hit": None}]})
+    status, text = ask(
+        f"{server.url}save", {"keypoints": [{"id": 1, "place": 0, "hit": None}, {"id": 1, "place": 1, "hit": None}]}
+    )
     assert status == 400 and b"every semantic_id once" in text
     assert ask(f"{server.url}save", {"keypoints": []})[0] == 409
     assert ask(f"{server.url}hit", {"origin": [0, 3, 0], "direction": [0, 1, 0]}) == (200, b"null")
-    assert ask(f"{server.url}hit", {})[0] == ask(f"{server.url}save", b"".decode(), **{"Content-Type": "text/plain"})[0] == 400
+    assert (
+        ask(f"{server.url}hit", {})[0]
+        == ask(f"{server.url}save", b"".decode(), **{"Content-Type": "text/plain"})[0]
+        == 400
+    )
     assert server.session.path.read_text() == before

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.run import Run
-from stages.annotate.server import AnnotationServer
-from stages.annotate.session import Session
+from b23d.pipeline.run import Run
+from b23d.stages.workbench.annotate.server import AnnotationServer
+from b23d.stages.workbench.annotate.session import Session
 from tests.small_runs import make_boxes
 
-PATIENCE = 60_000   # ms: a software renderer on a busy machine
+PATIENCE = 60_000  # ms: a software renderer on a busy machine
 
 
 class Annotating:
@@ -58,7 +58,9 @@ class Annotating:
         self.server.shutdown()
         self.server.server_close()
         assert not self.errors
-        assert all(url.startswith((self.server.url, "blob:", "data:")) for url in self.requests), "nothing from the network"
+        assert all(url.startswith((self.server.url, "blob:", "data:")) for url in self.requests), (
+            "nothing from the network"
+        )
 
 
 @pytest.fixture
@@ -80,7 +82,7 @@ def test_a_first_shape_is_annotated_and_saved(browser: Any, boxes: Path) -> None
     at.says("placed 0")
     (keypoint,) = at.keypoints()
     assert keypoint["id"] == 0 and keypoint["unit"][2] == pytest.approx(0.4, abs=1e-6)
-    np.testing.assert_allclose(keypoint["unit"], front, atol=5e-3)   # a pixel
+    np.testing.assert_allclose(keypoint["unit"], front, atol=5e-3)  # a pixel
     at.page.keyboard.press("Control+z")
     at.says("undo")
     assert at.keypoints() == []
@@ -93,7 +95,7 @@ def test_a_first_shape_is_annotated_and_saved(browser: Any, boxes: Path) -> None
     at.says("0 is now 7")
     at.click([-0.2, 0.35, -0.1])
     at.says("placed 8")
-    at.page.mouse.click(5, 300)   # leave the field
+    at.page.mouse.click(5, 300)  # leave the field
     at.page.locator("#save").click()
     at.says("saved 3 keypoints")
     (entry,) = json.loads(file.read_text())
@@ -116,7 +118,7 @@ def test_turning_the_view_keeps_clicks_exact(browser: Any, boxes: Path) -> None:
     at.page.mouse.up()
     at.page.mouse.wheel(0, -120)
     assert at.keypoints() == [], "a drag places nothing"
-    at.page.wait_for_timeout(800)   # plotly's own easing
+    at.page.wait_for_timeout(800)  # plotly's own easing
     at.click([0.1, 0.35, 0.1])
     at.says("placed 0")
     np.testing.assert_allclose(at.keypoints()[0]["unit"], [0.1, 0.35, 0.1], atol=5e-3)
@@ -138,11 +140,14 @@ def test_the_reference_gives_ids_and_others_work_is_merged(browser: Any, boxes: 
     assert at.page.locator("#known button").all_inner_texts() == [str(i) for i in range(8)]
     assert at.page.locator("#references option").count() == 2
     at.page.keyboard.press("]")
-    assert at.page.locator("#next").input_value() == "1" and "drawn large: id 1" in at.page.locator("#reference-hint").inner_text()
+    assert (
+        at.page.locator("#next").input_value() == "1"
+        and "drawn large: id 1" in at.page.locator("#reference-hint").inner_text()
+    )
     at.click([0.45, 0.3, 0.4])
     at.says("placed 1")
     assert at.page.locator("#next").input_value() == "2"
-    at.click([0.45, 0.3, 0.4])   # on the keypoint: selects
+    at.click([0.45, 0.3, 0.4])  # on the keypoint: selects
     at.page.wait_for_selector("tr.selected")
     at.click([0.3, 0.2, 0.4], modifiers=["Shift"])
     at.says("moved 1")
@@ -160,5 +165,5 @@ def test_the_reference_gives_ids_and_others_work_is_merged(browser: Any, boxes: 
     assert json.loads(file.read_text()) == saved
     at.page.keyboard.press("u")
     at.says("undo")
-    at.errors = [line for line in at.errors if "409" not in line]   # the browser notes the server's question
+    at.errors = [line for line in at.errors if "409" not in line]  # the browser notes the server's question
     at.close()

@@ -1,20 +1,52 @@
-"""Imports run one way: stages → pipeline's declaration → schemas. zarr only in the store, dask only in the scheduler."""
+"""The house: workbench → stages → pipeline's declaration → schemas. zarr only in the store, dask only in the scheduler."""
 
 from __future__ import annotations
 
 import ast
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ALLOWED = {"schemas": {"schemas"}, "pipeline": {"pipeline", "schemas"}, "stages": {"stages", "pipeline", "schemas"}}
-DECLARATION = {"pipeline.stage", "pipeline.dataset"}
-ABOVE_THE_ENGINE = {"stages/analyses", "stages/commands", "stages/report", "stages/api.py"}   # verbs that know 3D: they use the run's API
-FILES = sorted(path.relative_to(ROOT).as_posix() for package in ALLOWED for path in (ROOT / package).rglob("*.py"))
+PACKAGES = ("schemas", "pipeline", "stages")
+FILES = sorted(path.relative_to(ROOT).as_posix() for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+DECLARATION = {"pipeline.stage", "pipeline.dataset", "pipeline.errors"}
+"""All of the engine that a stage may know."""
+FLOORS = ["schemas", "declaration", "engine", "science", "results", "pictures", "pages", "api", "verbs"]
+"""From the ground up; a file imports from its own floor or from below, and science from no engine but the declaration."""
+WORKBENCH = {
+    "stages/workbench/results/": "results",
+    "stages/workbench/pictures/": "pictures",
+    "stages/workbench/report/": "pages",
+    "stages/workbench/analyses/": "pages",
+    "stages/workbench/annotate/": "pages",
+    "stages/workbench/api.py": "api",
+    "stages/workbench/commands/": "verbs",
+}
+ONLY = {
+    "zarr": {"pipeline/store.py"},
+    "dask": {"pipeline/scheduler.py"},
+    "distributed": {"pipeline/scheduler.py"},
+}
+
+
+def floor(path: str) -> str:
+    """The floor that a file (or a module's path without its suffix) is on."""
+    for prefix, name in WORKBENCH.items():
+        if path.startswith(prefix.removesuffix(".py")):
+            return name
+    package = path.split("/")[0]
+    if package == "pipeline":
+        module = path.removesuffix(".py").replace("/", ".")
+        return "declaration" if module in DECLARATION else "engine"
+    return {"schemas": "schemas", "stages": "science"}[package]
 
 
 def imports(path: str) -> set[str]:
+    """Every module a file imports; `from b23d.stages import render` counts as b23d.stages.render where that is a file."""
     found: set[str] = set()
     for node in ast.walk(ast.parse((ROOT / path).read_text())):
         if isinstance(node, ast.Import):
@@ -27,14 +59,17 @@ def imports(path: str) -> set[str]:
 
 @pytest.mark.parametrize("path", FILES)
 def test_imports_run_one_way(path: str) -> None:
-    package = path.split("/")[0]
+    own = floor(path)
     for name in imports(path):
         root = name.split(".")[0]
-        assert root not in ALLOWED or root in ALLOWED[package], f"{path} imports {name}"
-        assert root != "zarr" or path == "pipeline/store.py", f"{path} imports zarr"
-        assert root not in ("dask", "distributed") or path == "pipeline/scheduler.py", f"{path} imports {name}"
-        if package == "stages" and root == "pipeline" and not any(path.startswith(part) for part in ABOVE_THE_ENGINE):
-            assert name in DECLARATION, f"{path} imports {name}: a stage knows the engine's declaration only"
+        assert root not in PACKAGES, f"{path} imports {name}: write b23d.{name}"
+        assert path in ONLY.get(root, {path}), f"{path} imports {name}: only {', '.join(sorted(ONLY[root]))} may"
+        inner = name.removeprefix("b23d.").replace(".", "/")
+        if root != "b23d" or inner.split("/")[0] not in PACKAGES:
+            continue
+        above = floor(inner)
+        assert FLOORS.index(above) <= FLOORS.index(own), f"{path} ({own}) imports {name} ({above}): upwards"
+        assert own != "science" or above != "engine", f"{path} imports {name}: a stage knows the engine's declaration only"
 
 
 def test_stages_never_read_files_of_their_own() -> None:
@@ -45,9 +80,28 @@ def test_stages_never_read_files_of_their_own() -> None:
 
 
 def test_planning_imports_nothing_heavy() -> None:
-    import subprocess
-    import sys
-
     heavy = ("torch", "transformers", "trimesh", "scipy", "pandas", "distributed", "plotly")
-    code = f"import sys, stages, pipeline.run, pipeline.cli; print([m for m in {heavy} if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout.strip() == "[]"
+    code = f"""
+import sys, b23d, b23d.stages, b23d.pipeline.run, b23d.pipeline.cli
+print([m for m in {heavy} if m in sys.modules])"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_has_one_name(package: str) -> None:
+    """Under a second name there would be a second registry of stages."""
+    done = subprocess.run([sys.executable, "-c", f"import {package}"], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 1 and f"expected to be imported as b23d.{package}" in done.stderr
+
+
+@pytest.mark.parametrize("path", FILES)
+def test_files_are_rooms_not_halls(path: str) -> None:
+    assert len((ROOT / path).read_text().splitlines()) <= 300, f"{path}: over 300 lines; split it by idea"
+
+
+def test_no_cited_file_is_missing() -> None:
+    """A path in backticks or in a help text that this repository does not have sends readers nowhere."""
+    for path in FILES:
+        for cited in re.findall(r"`((?:schemas|pipeline|stages|tests|runs)/[\w/.-]+)`", (ROOT / path).read_text()):
+            assert (ROOT / cited).exists(), f"{path} cites {cited}"

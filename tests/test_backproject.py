@@ -11,17 +11,19 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.features import PointFeatures
-from schemas.shape import NormalizedShape
-from schemas.views import Views, ViewTokens
-from stages.backproject import BackprojectParams, backproject
-from stages.extract import ExtractParams, extract
-from stages.geometry.cameras import project
-from stages.render import RenderParams, render
-from stages.renderers.visibility import by_depth, by_face
+from b23d.schemas.features import PointFeatures
+from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.views import Views, ViewTokens
+from b23d.stages.backproject import BackprojectParams, backproject
+from b23d.stages.extract import ExtractParams, extract
+from b23d.stages.geometry.cameras import project
+from b23d.stages.render import RenderParams, render
+from b23d.stages.renderers.visibility import by_depth, by_face
 
 
-def shape(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, point_faces: np.ndarray | None = None) -> NormalizedShape:
+def shape(
+    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, point_faces: np.ndarray | None = None
+) -> NormalizedShape:
     return NormalizedShape(
         kind="mesh" if len(faces) else "cloud",
         vertices=np.asarray(vertices, np.float32),
@@ -48,7 +50,9 @@ def token_views(tokens: np.ndarray, class_tokens: np.ndarray | None = None) -> V
 def noise(views: Views, channels: int = 5, grid: int = 7) -> ViewTokens:
     random = np.random.default_rng(0)
     count = len(views.depth)
-    return token_views(random.normal(size=(count, grid, grid, channels)), random.normal(size=(count, channels)).astype(np.float16))
+    return token_views(
+        random.normal(size=(count, grid, grid, channels)), random.normal(size=(count, channels)).astype(np.float16)
+    )
 
 
 def seen(of: NormalizedShape, views: Views, tolerance: float = 0.0025) -> np.ndarray:
@@ -62,7 +66,9 @@ TOP, BOTTOM = 0, -1
 
 
 def test_a_plane_is_seen_from_above_and_below_at_the_pixels_geometry_says() -> None:
-    grid = np.stack(np.meshgrid(np.linspace(-0.45, 0.45, 9), [0.0], np.linspace(-0.45, 0.45, 9)), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid(np.linspace(-0.45, 0.45, 9), [0.0], np.linspace(-0.45, 0.45, 9)), axis=-1).reshape(
+        -1, 3
+    )
     plane = shape(SQUARE, SQUARE_FACES, grid)
     views = render(plane, RenderParams(distance=2.0))
     pixels, depth = project(grid, views.world_to_camera, views.intrinsics)
@@ -142,12 +148,15 @@ def test_constant_tokens_give_constant_features() -> None:
     for sample in ("nearest", "bilinear"):
         result = backproject(mesh, views, tokens, BackprojectParams(sample=sample))
         assert result.observed.mean() > 0.99
-        np.testing.assert_array_equal(result.features[result.observed], np.tile([1.5, -2, 0.25], (result.observed.sum(), 1)))
+        np.testing.assert_array_equal(
+            result.features[result.observed], np.tile([1.5, -2, 0.25], (result.observed.sum(), 1))
+        )
 
 
 @pytest.mark.parametrize("grid", [(16, 16), (7, 9)])
 def test_a_linear_ramp_is_reproduced(grid: tuple[int, int]) -> None:
-    """Token values that are the pixel coordinates of their centres: bilinear sampling returns each point's own pixel."""
+    """Token values that are the pixel coordinates of their centres: bilinear sampling returns each point's own
+    pixel."""
     mesh = sampled(trimesh.creation.box((0.6, 0.5, 0.4)))
     views = render(mesh, RenderParams(rings=1, distance=2.0))
     rows, columns = ((np.arange(n) + 0.5) * 224 / n for n in grid)
@@ -178,7 +187,9 @@ def test_a_single_token_per_view() -> None:
     mesh = sampled(trimesh.creation.icosphere(radius=0.5))
     views = render(mesh, RenderParams(rings=1))
     for sample in ("nearest", "bilinear"):
-        result = backproject(mesh, views, token_views(np.ones((len(views.depth), 1, 1, 2))), BackprojectParams(sample=sample))
+        result = backproject(
+            mesh, views, token_views(np.ones((len(views.depth), 1, 1, 2))), BackprojectParams(sample=sample)
+        )
         assert (result.features == 1).all()
 
 
@@ -219,9 +230,13 @@ def test_the_batch_enters_no_address() -> None:
 
 
 def permuted(of: Of, order: list[int]) -> Of:
-    return of.model_copy(update={
-        name: value[order] for name, value in of.present_arrays().items() if of.array_specs()[name].dims.startswith("view ")
-    })
+    return of.model_copy(
+        update={
+            name: value[order]
+            for name, value in of.present_arrays().items()
+            if of.array_specs()[name].dims.startswith("view ")
+        }
+    )
 
 
 def close(a: PointFeatures, b: PointFeatures) -> None:
@@ -230,7 +245,8 @@ def close(a: PointFeatures, b: PointFeatures) -> None:
 
 
 def test_by_face_sees_whole_faces_their_ring_and_always_the_last() -> None:
-    """A strip of squares: a view that shows face 2 sees the points of 0 … 4 (a corner in common); -1 stands for the last."""
+    """A strip of squares: a view that shows face 2 sees the points of 0 … 4 (a corner in common); -1 stands for the
+    last."""
     strip = np.array([[i, i + 1, i + 2] for i in range(20)])
     ids = np.array([[[2, 2], [2, 2]], [[-1, 2], [2, 2]]])
     visible = by_face(ids, strip, np.arange(20))
@@ -256,9 +272,15 @@ def test_tokens_of_other_views_are_an_error() -> None:
 
 def test_features_do_not_depend_on_the_renderer() -> None:
     """A real encoder on both renderers' pictures: cosine > .99 at (almost) every point."""
-    mesh = sampled(trimesh.util.concatenate([
-        trimesh.creation.torus(0.35, 0.1), trimesh.creation.box((0.2, 0.5, 0.9)), trimesh.creation.cylinder(0.05, 1.0)
-    ]))
+    mesh = sampled(
+        trimesh.util.concatenate(
+            [
+                trimesh.creation.torus(0.35, 0.1),
+                trimesh.creation.box((0.2, 0.5, 0.9)),
+                trimesh.creation.cylinder(0.05, 1.0),
+            ]
+        )
+    )
     features = []
     for name in ("embree", "pyrender"):
         try:

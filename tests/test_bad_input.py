@@ -12,12 +12,12 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from pipeline.cli import app
-from pipeline.errors import RunFileError
-from pipeline.run import Run
+from b23d.pipeline.cli import app
+from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.run import Run
 from tests.small_runs import make_boxes
 
-GEOMETRY = ['outputs=["geodesic"]']   # no need to render for these
+GEOMETRY = ['outputs=["geodesic"]']  # no need to render for these
 
 
 BAD: dict[str, tuple[str, Callable[[], str], str]] = {
@@ -53,7 +53,7 @@ def test_the_command_line_says_it_and_exits_1(tmp_path: Path) -> None:
 
 def test_a_keypoint_index_out_of_range_blocks_that_shape_only(tmp_path: Path) -> None:
     path = make_boxes(tmp_path, 4)
-    for i in range(4):   # as clouds: there the index counts
+    for i in range(4):  # as clouds: there the index counts
         mesh = tmp_path / "shapes" / "box" / f"b{i}.ply"
         np.savetxt(mesh.with_suffix(".xyz"), trimesh.load(mesh, process=False).sample(300, seed=i))
         mesh.unlink()

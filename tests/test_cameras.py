@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stages.geometry.cameras import (
+from b23d.stages.geometry.cameras import (
     CLEARANCE,
     fibonacci_angles,
     fitting_distance,
@@ -64,9 +64,9 @@ def test_rotations_are_rotations_and_look_at_the_origin(angles: np.ndarray) -> N
 
 def test_right_is_right_and_up_is_up() -> None:
     front = look_at_origin(np.array([[0.0, 0.0]]), 2.0)  # at +z, looking along -z
-    (centre, right, up, _), depth = (a[0] for a in project(
-        np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]), front, pinhole(224, 60)
-    ))
+    (centre, right, up, _), depth = (
+        a[0] for a in project(np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]), front, pinhole(224, 60))
+    )
     assert right[0] > centre[0]
     assert right[1] == pytest.approx(centre[1])
     assert up[1] < centre[1], "y of a pixel grows downwards"

@@ -1,4 +1,5 @@
-"""A comparison: variants in turn, one of them failing; the page holds every system, and what is quoted is marked as quoted."""
+"""A comparison: variants in turn, one of them failing; the page holds every system, and what is quoted is marked as
+quoted."""
 
 from __future__ import annotations
 
@@ -11,15 +12,15 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app, plug_in
-from pipeline.config import load_config
-from pipeline.members import Member, members
-from pipeline.run import Run
-from schemas.scores import ClassScores, Curve, Presence, ScoreTable, Spread
-from stages.commands.sweep import choose
-from stages.report.comparing import Comparison, System, compare
-from stages.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison
-from stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
+from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.config import load_config
+from b23d.pipeline.members import Member, members
+from b23d.pipeline.run import Run
+from b23d.schemas.scores import ClassScores, Curve, Presence, ScoreTable, Spread
+from b23d.stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
+from b23d.stages.workbench.commands.sweep import choose
+from b23d.stages.workbench.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison
+from b23d.stages.workbench.results.comparing import Comparison, System, compare
 from tests.small_runs import FAST
 
 plug_in()
@@ -70,14 +71,20 @@ def test_what_is_stored_is_compared_on_the_same_targets(swept: tuple[Path, str])
     found = compare(path, members(load_config(path)))
     by_name = {system.name: system for system in found.systems}
     ours, farthest, gone, many = (by_name[name] for name in ("B2-3D", "FPS", "SAM gone", "5 shots"))
-    assert ours.scores is not None and farthest.scores is not None and ours.scores.mean.targets == farthest.scores.mean.targets
+    assert (
+        ours.scores is not None
+        and farthest.scores is not None
+        and ours.scores.mean.targets == farthest.scores.mean.targets
+    )
     assert found.targets == 8 and found.left_out == 0 and ours.seconds is not None and 0 < ours.seconds < 60
     assert not gone.shown and "nowhere" in gone.reason
-    assert not many.shown and "expected" in many.reason   # four shapes of a class are too few for five shots
+    assert not many.shown and "expected" in many.reason  # four shapes of a class are too few for five shots
     parts = by_name["EfficientNet-Lite0"].parts
     assert parts is not None and set(parts.classes) == {"chair", "mug"} and 0 < parts.mean.mean <= 1
     assert [system.name for system in found.groups()["assignment"]] == ["B2-3D", "Hungarian"]
-    assert [system.name for system in found.groups()["parts"]] == ["EfficientNet-Lite0"], "keypoints are no reference for parts"
+    assert [system.name for system in found.groups()["parts"]] == ["EfficientNet-Lite0"], (
+        "keypoints are no reference for parts"
+    )
 
 
 def test_the_page_holds_every_system_and_marks_what_is_quoted(swept: tuple[Path, str]) -> None:
@@ -88,7 +95,9 @@ def test_the_page_holds_every_system_and_marks_what_is_quoted(swept: tuple[Path,
         assert name in body
     rows = re.findall(r"<tr class=\"([a-z]*)\"><?\s*<td>(.*?)</td>", body.replace("\n", ""))
     quoted = [name for kind, name in rows if kind == "quoted"]
-    assert any(name.startswith("Hungarian (paper)") for name in quoted) and any(name.startswith("DINO (paper)") for name in quoted)
+    assert any(name.startswith("Hungarian (paper)") for name in quoted) and any(
+        name.startswith("DINO (paper)") for name in quoted
+    )
     assert all(("(paper)" in name) == (kind == "quoted") for kind, name in rows)
     assert any(kind == "unavailable" and name.startswith("SAM gone") for kind, name in rows)
     assert "below EfficientNet, as CLIP is" in body and "FSKD" in body
@@ -111,7 +120,9 @@ def test_report_writes_the_same_page_from_what_is_stored(swept: tuple[Path, str]
 
 def test_parts_are_printed_after_a_run(swept: tuple[Path, str]) -> None:
     path, _ = swept
-    done = CliRunner().invoke(app, ["run", str(path), "--workers", "0", "--set", 'outputs=["score_parts"]', "--set", "shots.count=1"])
+    done = CliRunner().invoke(
+        app, ["run", str(path), "--workers", "0", "--set", 'outputs=["score_parts"]', "--set", "shots.count=1"]
+    )
     assert done.exit_code == 0 and "tiny: parts" in done.output, done.output
     assert json.loads((path.parent / "tiny" / "parts.json").read_text())["classes"]
 
@@ -176,10 +187,17 @@ def scores(level: float) -> ScoreTable:
 
 
 def test_a_group_of_parts_that_has_none_shows_the_papers() -> None:
-    systems = [System("B2-3D", "", scores=scores(0.9)), System("parts/x", "parts", kind="parts", reason="no part labels")]
+    systems = [
+        System("B2-3D", "", scores=scores(0.9)),
+        System("parts/x", "parts", kind="parts", reason="no part labels"),
+    ]
     assert Comparison(systems).groups()["parts"] == systems[1:]
     lines = part_lines(systems[1:])
-    assert lines["classes"] == list(PART_CLASSES) and lines["lines"][0]["cells"] == [] and len(lines["lines"]) == 1 + len(PARTS)
+    assert (
+        lines["classes"] == list(PART_CLASSES)
+        and lines["lines"][0]["cells"] == []
+        and len(lines["lines"]) == 1 + len(PARTS)
+    )
 
 
 def many() -> list[System]:
@@ -193,7 +211,9 @@ def test_curves_are_told_apart_and_the_papers_are_dashed_grey() -> None:
     looks = {(trace.line.color, trace.line.dash) for trace in drawn}
     assert len(looks) == len(drawn) == 12 + 1 + 2
     quoted = [trace for trace in drawn if "(paper)" in trace.name]
-    assert [tuple(trace.y) for trace in quoted] == [B2_3D.iou, HUNGARIAN.iou] and {trace.line.dash for trace in quoted} == {"dash", "dot"}
+    assert [tuple(trace.y) for trace in quoted] == [B2_3D.iou, HUNGARIAN.iou] and {
+        trace.line.dash for trace in quoted
+    } == {"dash", "dot"}
     assert drawn[12].name == "B2-3D" and drawn[12].line.width > drawn[0].line.width
 
 

@@ -6,18 +6,24 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.config import load_config
-from pipeline.errors import RunFileError
+from b23d.pipeline.config import load_config
+from b23d.pipeline.errors import RunFileError
 from tests.toy import make_toy
 
 
 def test_overrides_and_types(tmp_path: Path) -> None:
     path = make_toy(tmp_path)
     config = load_config(path, ["stages.square.power=3", "shots.draws=[7]", "name=other", 'store.transient=["square"]'])
-    assert config.params["square"].model_dump()["power"] == 3 and config.file.shots.draws == [7] and config.file.name == "other"
+    assert (
+        config.params["square"].model_dump()["power"] == 3
+        and config.file.shots.draws == [7]
+        and config.file.name == "other"
+    )
 
 
-def test_roots_are_relative_to_the_file_or_with_set_to_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_roots_are_relative_to_the_file_or_with_set_to_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = make_toy(tmp_path)
     assert load_config(path).dataset.model_dump()["root"] == (tmp_path / "numbers").resolve()
     monkeypatch.chdir(tmp_path.parent)
@@ -43,8 +49,8 @@ def test_a_base_is_extended(tmp_path: Path) -> None:
         ("dataset.kind=toi", "did you mean 'toy'"),
         ("dataset.rot=1", "did you mean 'root'"),
         ("shot.count=1", "did you mean 'shots'"),
-        ("outputs=[\"ad\"]", "did you mean 'add'"),
-        ("feeds.shift=\"squar\"", "did you mean 'square'"),
+        ('outputs=["ad"]', "did you mean 'add'"),
+        ('feeds.shift="squar"', "did you mean 'square'"),
         ("stages.square.power=nan", "finite"),
         ("no-equals", "expected a.b=value"),
     ],

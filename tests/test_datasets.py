@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.dataset import DATASETS
-from schemas.shape import Keypoints, Source
-from stages.datasets.annotations import load_keypoints
-from stages.datasets.folder import Folder
-from stages.datasets.keypointnet import KeypointNet
+from b23d.pipeline.dataset import DATASETS
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import Source
+from b23d.stages.datasets.annotations import load_keypoints
+from b23d.stages.datasets.folder import Folder
+from b23d.stages.datasets.keypointnet import KeypointNet
 from tests.made_datasets import PCD, PLY_MESH, by_name, entry, put, read
 from tests.shared_data import shared
 
@@ -66,7 +67,9 @@ def test_paths_and_other_shapes_never_enter_a_leaf(tmp_path: Path) -> None:
     for name in ("source", "keypoints"):
         a, b = one.leaves[name], other.leaves[name]
         assert json.dumps(a.values, sort_keys=True) == json.dumps(b.values, sort_keys=True)
-        assert {key: path.read_bytes() for key, path in a.files.items()} == {key: path.read_bytes() for key, path in b.files.items()}
+        assert {key: path.read_bytes() for key, path in a.files.items()} == {
+            key: path.read_bytes() for key, path in b.files.items()
+        }
         assert str(tmp_path) not in json.dumps([a.values, list(a.files)])
     assert read(one.leaves["keypoints"]).annotation_file != read(other.leaves["keypoints"]).annotation_file
 
@@ -75,9 +78,16 @@ def test_keypointnet_as_a_whole_unusable(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"expected annotations/<class>\.json in .*; set dataset.root"):
         KeypointNet(root=tmp_path).shapes()
     root = keypointnet(tmp_path)
-    with pytest.raises(FileNotFoundError, match=r"expected classes among bed, chair in .*, got sofa; set dataset.classes"):
+    with pytest.raises(
+        FileNotFoundError, match=r"expected classes among bed, chair in .*, got sofa; set dataset.classes"
+    ):
         KeypointNet(root=root, classes=["chair", "sofa"]).shapes()
-    bad = {"{": "expected JSON", "{}": "expected a list", "[3]": "expected entry 0", '[{"model_id": "a"}]': "expected a string `class_id`"}
+    bad = {
+        "{": "expected JSON",
+        "{}": "expected a list",
+        "[3]": "expected entry 0",
+        '[{"model_id": "a"}]': "expected a string `class_id`",
+    }
     for text, words in bad.items():
         (root / "annotations/chair.json").write_text(text)
         with pytest.raises(ValueError, match=f"chair.json: {words}.*mend"):
@@ -92,7 +102,8 @@ def test_a_model_annotated_twice_is_an_error_of_that_model(tmp_path: Path) -> No
 
 
 def test_real_keypointnet() -> None:
-    """Every annotated point is the cloud's point of its index, symmetries pair mirrored points, and half are of one split."""
+    """Every annotated point is the cloud's point of its index, symmetries pair mirrored points, and half are of one
+    split."""
     shapes = KeypointNet(root=shared("keypointnet")).shapes()
     assert len(shapes) == 134
     assert {shape.official for shape in shapes} == {"train", "val", "test"}
@@ -170,7 +181,11 @@ def test_colors_and_faces_of_keypoints_do_not_enter_the_leaf(tmp_path: Path) -> 
     root = keypointnet(tmp_path)
     before = by_name(KeypointNet(root=root).shapes())["chair/a"].leaves["keypoints"].values
     path = root / "annotations/chair.json"
-    path.write_text(path.read_text().replace('"semantic_id": 4', '"rgb": [1, 2, 3], "mesh_info": {"face_index": 4}, "semantic_id": 4'))
+    path.write_text(
+        path.read_text().replace(
+            '"semantic_id": 4', '"rgb": [1, 2, 3], "mesh_info": {"face_index": 4}, "semantic_id": 4'
+        )
+    )
     assert by_name(KeypointNet(root=root).shapes())["chair/a"].leaves["keypoints"].values == before
 
 

@@ -8,12 +8,12 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from schemas.shape import NormalizedShape
-from stages.datasets.procedural.isometric import isometric_cubes
-from stages.describe import DescribeParams, describe
-from stages.descriptors.shot import CHANNELS, local_frames, shot
-from stages.descriptors.spectral import cloud_spectrum, heat_kernel_signature, mesh_spectrum, wave_kernel_signature
-from stages.geodesics.shortcuts import face_normals
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.datasets.procedural.isometric import isometric_cubes
+from b23d.stages.describe import DescribeParams, describe
+from b23d.stages.descriptors.shot import CHANNELS, local_frames, shot
+from b23d.stages.descriptors.spectral import cloud_spectrum, heat_kernel_signature, mesh_spectrum, wave_kernel_signature
+from b23d.stages.geodesics.shortcuts import face_normals
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 2.0])
 BUMPS = np.array([[0.9, 0.2, 0.1], [-0.5, 0.8, 0.2], [0.1, -0.3, -0.9]])
@@ -44,7 +44,10 @@ def bumpy(count: int = 250) -> NormalizedShape:
     """A ball with three different bumps: no symmetry, unambiguous frames."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.4)
     vertices = np.asarray(ball.vertices)
-    swell = sum(size * np.exp(-8 * ((vertices / 0.4 - bump) ** 2).sum(axis=1)) for size, bump in zip((0.5, 0.3, 0.4), BUMPS, strict=True))
+    swell = sum(
+        size * np.exp(-8 * ((vertices / 0.4 - bump) ** 2).sum(axis=1))
+        for size, bump in zip((0.5, 0.3, 0.4), BUMPS, strict=True)
+    )
     return shape(vertices * (1 + swell)[:, None], np.asarray(ball.faces), *spread(ball.faces, count))
 
 
@@ -97,7 +100,9 @@ def test_signatures_do_not_depend_on_bending() -> None:
     """A sheet and the same sheet rolled into half a tube."""
     grid = np.stack(np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 21), indexing="ij"), axis=-1).reshape(-1, 2)
     corner = (np.arange(40)[:, None] * 21 + np.arange(20)).ravel()
-    faces = np.concatenate([np.stack([corner, corner + 21, corner + 22], 1), np.stack([corner, corner + 22, corner + 1], 1)])
+    faces = np.concatenate(
+        [np.stack([corner, corner + 21, corner + 22], 1), np.stack([corner, corner + 22, corner + 1], 1)]
+    )
     flat = np.column_stack([grid[:, 0], np.zeros(len(grid)), grid[:, 1]])
     angle = np.pi * grid[:, 0]
     rolled = np.column_stack([np.cos(angle) / np.pi, np.sin(angle) / np.pi, grid[:, 1]])
@@ -153,7 +158,9 @@ def test_two_runs_give_the_same_bytes() -> None:
 
 def test_shot_is_of_unit_length_and_does_not_depend_on_the_frame() -> None:
     for surface in ("mesh", "cloud"):
-        found, turned = (features(of, descriptor="shot", radius=0.3, surface=surface) for of in (bumpy(), moved(bumpy())))
+        found, turned = (
+            features(of, descriptor="shot", radius=0.3, surface=surface) for of in (bumpy(), moved(bumpy()))
+        )
         assert found.shape[1] == CHANNELS == 352
         np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=2e-3)
         assert (found >= 0).all()

@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.run import Run
-from schemas.features import GeodesicDistances
-from schemas.keypoints import Prediction
-from schemas.shape import Keypoints, NormalizedShape
-from stages.calibrate import CalibrateParams, calibrate
-from stages.detect import DetectParams, detect
-from stages.detectors.calibration import AnnotatedShot, average_count, choose
-from stages.detectors.farthest import farthest
-from stages.detectors.harris3d import harris3d
-from stages.detectors.iss import iss
-from stages.detectors.neighbourhoods import ball_sums, scatter_matrices, strongest
-from stages.detectors.sift3d import extrema, sift3d, surface_variation
-from stages.geodesic import GeodesicParams, geodesic
-from stages.score import ScoreParams, score
-from stages.scoring.summary import score_table
+from b23d.pipeline.run import Run
+from b23d.schemas.features import GeodesicDistances
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.calibrate import CalibrateParams, calibrate
+from b23d.stages.detect import DetectParams, detect
+from b23d.stages.detectors.calibration import AnnotatedShot, average_count, choose
+from b23d.stages.detectors.farthest import farthest
+from b23d.stages.detectors.harris3d import harris3d
+from b23d.stages.detectors.iss import iss
+from b23d.stages.detectors.neighbourhoods import ball_sums, scatter_matrices, strongest
+from b23d.stages.detectors.sift3d import extrema, sift3d, surface_variation
+from b23d.stages.geodesic import GeodesicParams, geodesic
+from b23d.stages.score import ScoreParams, score
+from b23d.stages.scoring.summary import score_table
 from tests.made_shapes import BOX, of_cloud, of_mesh
 from tests.shared_data import shared
 from tests.small_runs import make_boxes
@@ -46,7 +47,9 @@ def annotated(shape: NormalizedShape, places: Any) -> Shot:
     """A shape with keypoints at places of the unit frame."""
     places = np.asarray(places, float)
     source = places * shape.scale + shape.center
-    keypoints = Keypoints(ids=np.arange(len(places), dtype=np.int32), positions=source, point_indices=np.full(len(places), -1, np.int32))
+    keypoints = Keypoints(
+        ids=np.arange(len(places), dtype=np.int32), positions=source, point_indices=np.full(len(places), -1, np.int32)
+    )
     return shape, geodesic(shape, GeodesicParams()), keypoints
 
 
@@ -103,7 +106,12 @@ def test_farthest_takes_the_average_count_of_the_shots() -> None:
     assert [average_count(counts) for counts in ([4, 5], [4, 4, 5], [0, 0])] == [5, 4, 1]
     shot = annotated(of_mesh(BOX.vertices, BOX.faces), BOX.vertices / 4)
     found = run(shot)
-    assert len(found.points) == 8 and found.method == "farthest count 8" and (found.ids == -1).all() and found.present.all()
+    assert (
+        len(found.points) == 8
+        and found.method == "farthest count 8"
+        and (found.ids == -1).all()
+        and found.present.all()
+    )
     assert len(run(shot, count=3).points) == 3
     assert (np.diff(found.costs[1:]) >= 0).all(), "farthest first"
 
@@ -150,12 +158,15 @@ def test_planes_have_no_keypoints_anywhere() -> None:
 
 
 def test_iss_on_a_cube_has_the_values_of_the_integrals() -> None:
-    """About a corner of three quarter discs, λ3 / r² = 1/6 - 1/(6π); about an edge of two half discs 1/8, and in both λ2 = λ3."""
+    """About a corner of three quarter discs, λ3 / r² = 1/6 - 1/(6π); about an edge of two half discs 1/8, and in both
+    λ2 = λ3."""
     points, corners = grid_cube(25)
     places = np.concatenate([corners[:1], [[0.5, 0.5, 0], [0.5, 0, 0]]])
     at = np.linalg.norm(points[:, None] - places, axis=2).argmin(axis=0)
     np.testing.assert_allclose(iss(points, 0.3, 1.01, 1.01, 5)[at], [1 / 6 - 1 / (6 * np.pi), 1 / 8, 0], atol=0.02)
-    assert (iss(points, 0.3, 0.9, 0.9, 5)[at] == 0).all(), "axes that are not distinct: a cube's own corners are none of ISS's keypoints"
+    assert (iss(points, 0.3, 0.9, 0.9, 5)[at] == 0).all(), (
+        "axes that are not distinct: a cube's own corners are none of ISS's keypoints"
+    )
 
 
 def test_iss_needs_neighbours_and_knows_no_unit() -> None:
@@ -175,7 +186,9 @@ def test_sift_finds_a_spot_at_its_own_scale() -> None:
         level, point = np.unravel_index(strength.argmax(), strength.shape)
         assert np.linalg.norm(points[point]) < 1e-9
         assert abs(np.log2(np.sqrt(sigmas[level + 1] * sigmas[level + 2]) / spot)) < 0.5 / 3 + 1e-6
-        assert strength.max() == pytest.approx(abs(np.diff(spot**2 / (spot**2 + sigmas[level + 1 : level + 3] ** 2))[0]), rel=0.03)
+        assert strength.max() == pytest.approx(
+            abs(np.diff(spot**2 / (spot**2 + sigmas[level + 1 : level + 3] ** 2))[0]), rel=0.03
+        )
 
 
 @pytest.mark.parametrize("method", ["iss", "harris"])
@@ -198,7 +211,7 @@ def test_the_same_points_after_a_rotation(method: str) -> None:
     points = hills()
     turned = points @ Rotation.from_euler("xyz", [0.3, 1.1, -0.7]).as_matrix().T
     shapes = [of_cloud(cloud) for cloud in (points, turned)]
-    scale = shapes[0].scale / shapes[1].scale   # the bounding box, and with it the unit frame, turns along
+    scale = shapes[0].scale / shapes[1].scale  # the bounding box, and with it the unit frame, turns along
     lengths = {"iss_salient_radius": 0.1, "iss_non_max_radius": 0.06, "harris_radius": 0.1, "sift_min_scale": 0.05}
     lengths["harris_separation"] = 0.06
     first = run(annotated(shapes[0], shapes[0].points[:6]), method=method, calibrate=False, **lengths)
@@ -228,11 +241,15 @@ def test_calibrating_on_a_shape_serves_it_at_least_as_well(method: str) -> None:
     shape = shot[0]
 
     def iou(found: Prediction) -> float:
-        hits = np.linalg.norm(found.positions[:, None] - (shot[2].positions - shape.center) / shape.scale, axis=2) <= 0.05
+        hits = (
+            np.linalg.norm(found.positions[:, None] - (shot[2].positions - shape.center) / shape.scale, axis=2) <= 0.05
+        )
         return float(hits.any(0).sum() / (3 + (~hits.any(1)).sum()))
 
     calibrated = run(shot, method=method)
-    assert iou(calibrated) >= iou(run(shot, method=method, calibrate=False)) - 0.1   # geodesics, not straight lines, are calibrated on
+    assert (
+        iou(calibrated) >= iou(run(shot, method=method, calibrate=False)) - 0.1
+    )  # geodesics, not straight lines, are calibrated on
     again = run(shot, method=method)
     np.testing.assert_array_equal(calibrated.points, again.points)
 
@@ -260,9 +277,13 @@ def test_a_run_is_fed_and_scored_without_names(tmp_path: Path, method: str) -> N
     loaded = Run.load(path)
     report = loaded.execute(workers=0)
     assert report.ok, report.failures
-    assert len({node.address for node in loaded.plan().nodes.values() if node.stage == "calibrate"}) == 1, "one draw, calibrated once"
-    table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in loaded.collect("score")])   # type: ignore[misc]
-    assert table.mean.pck.mean[-1] == 0 and table.mean.symmetric_pck.mean[-1] == 0 and table.mean.presence.recall.mean == 0
+    assert len({node.address for node in loaded.plan().nodes.values() if node.stage == "calibrate"}) == 1, (
+        "one draw, calibrated once"
+    )
+    table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in loaded.collect("score")])  # type: ignore[misc]
+    assert (
+        table.mean.pck.mean[-1] == 0 and table.mean.symmetric_pck.mean[-1] == 0 and table.mean.presence.recall.mean == 0
+    )
     assert table.mean.iou.mean == sorted(table.mean.iou.mean)
     if method == "farthest":
         assert table.mean.iou.mean[-1] > 0.4
@@ -270,18 +291,20 @@ def test_a_run_is_fed_and_scored_without_names(tmp_path: Path, method: str) -> N
 
 def test_airplanes_farthest_points_find_most_keypoints() -> None:
     root = shared("keypointnet")
-    from stages.datasets.keypointnet import KeypointNet
-    from stages.normalize import NormalizeParams, normalize
+    from b23d.stages.datasets.keypointnet import KeypointNet
+    from b23d.stages.normalize import NormalizeParams, normalize
 
     shape = KeypointNet(root=root, classes=["airplane"], geometry="cloud").shapes()[0]
     leaves = {}
     for name in ("source", "keypoints"):
         leaf = shape.leaves[name]
-        leaves[name] = leaf.load({file: path.read_bytes() for file, path in leaf.files.items()}, {**leaf.values, **leaf.context})
-    normal = normalize(leaves["source"], NormalizeParams())   # type: ignore[arg-type]
+        leaves[name] = leaf.load(
+            {file: path.read_bytes() for file, path in leaf.files.items()}, {**leaf.values, **leaf.context}
+        )
+    normal = normalize(leaves["source"], NormalizeParams())  # type: ignore[arg-type]
     keypoints = leaves["keypoints"]
-    found = run((normal, geodesic(normal, GeodesicParams()), keypoints))   # type: ignore[arg-type]
-    places = (keypoints.positions - normal.center) / normal.scale   # type: ignore[attr-defined]
+    found = run((normal, geodesic(normal, GeodesicParams()), keypoints))  # type: ignore[arg-type]
+    places = (keypoints.positions - normal.center) / normal.scale  # type: ignore[attr-defined]
     assert (nearest(found.positions, places) < 0.15).mean() > 0.5
 
 

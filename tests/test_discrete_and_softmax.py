@@ -1,4 +1,5 @@
-"""The discrete solver is never worse than the paper's optimiser: real and made shapes, real (axiomatic) descriptors, both scales.
+"""The discrete solver is never worse than the paper's optimiser: real and made shapes, real (axiomatic) descriptors,
+both scales.
 
 `tests/benchmarks/bench_objectives.py` says the same of all targets of a run.
 """
@@ -10,16 +11,16 @@ from typing import Any
 
 import pytest
 
-from pipeline.dataset import Leaf, Shape
-from stages.datasets.keypointnet import KeypointNet
-from stages.datasets.procedural import Procedural
-from stages.describe import DescribeParams, describe
-from stages.geodesic import GeodesicParams, geodesic
-from stages.normalize import NormalizeParams, normalize
-from stages.optimize import OptimizeParams
-from stages.solvers.discrete import discrete
-from stages.solvers.objective import Problem, objective
-from stages.solvers.posing import pose
+from b23d.pipeline.dataset import Leaf, Shape
+from b23d.stages.datasets.keypointnet import KeypointNet
+from b23d.stages.datasets.procedural import Procedural
+from b23d.stages.describe import DescribeParams, describe
+from b23d.stages.geodesic import GeodesicParams, geodesic
+from b23d.stages.normalize import NormalizeParams, normalize
+from b23d.stages.optimize import OptimizeParams
+from b23d.stages.solvers.discrete import discrete
+from b23d.stages.solvers.objective import Problem, objective
+from b23d.stages.solvers.posing import pose
 from tests.shared_data import shared
 
 SCALES = [OptimizeParams(), OptimizeParams(features="standardised", alpha=4)]
@@ -30,7 +31,8 @@ def loaded(leaf: Leaf) -> Any:
 
 
 def problems(shapes: list[Shape], shots: int) -> Iterator[tuple[str, Problem]]:
-    """Every shape but the first `shots` as a target of these, 192 candidates each, described by SHOT, in both scales."""
+    """Every shape but the first `shots` as a target of these, 192 candidates each, described by SHOT, in both
+    scales."""
     made = []
     for shape in shapes:
         clean = normalize(loaded(shape.leaves["source"]), NormalizeParams(candidates="fps", count=192))
@@ -43,7 +45,7 @@ def problems(shapes: list[Shape], shots: int) -> Iterator[tuple[str, Problem]]:
 
 
 def check(shapes: list[Shape], shots: int = 3, steps: int = 600) -> None:
-    from stages.solvers.softmax import softmax
+    from b23d.stages.solvers.softmax import softmax
 
     count = 0
     for name, problem in problems(shapes, shots):
@@ -60,4 +62,4 @@ def test_discrete_is_never_worse_on_keypointnet(category: str) -> None:
 
 @pytest.mark.parametrize("category", ["chair", "mug"])
 def test_discrete_is_never_worse_on_made_shapes(category: str) -> None:
-    check(Procedural(kind="procedural", classes=[category], count=5).shapes())   # type: ignore[list-item]
+    check(Procedural(kind="procedural", classes=[category], count=5).shapes())  # type: ignore[list-item]

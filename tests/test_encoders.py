@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from stages.encoders.interface import Encoder, Pixels
-from stages.encoders.load import load_encoder
-from stages.encoders.weights import find_checkpoint
+from b23d.stages.encoders.interface import Encoder, Pixels
+from b23d.stages.encoders.load import load_encoder
+from b23d.stages.encoders.weights import find_checkpoint
 from tests.tiny_checkpoints import TINY, library, save
 
 EMBEDDED = ["efficientnet-lite0", "saliency-vit-s14"]
@@ -21,8 +21,13 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {family: save(family, tmp_path_factory.mktemp(family)) for family in TINY}
 
 
-def tiny(folders: dict[str, Path], family: str, blocks: tuple[int, ...] = (), layernorm: bool | None = None,
-         input_size: int | None = None) -> Encoder:
+def tiny(
+    folders: dict[str, Path],
+    family: str,
+    blocks: tuple[int, ...] = (),
+    layernorm: bool | None = None,
+    input_size: int | None = None,
+) -> Encoder:
     own_size_only = family in ("clip", "sam", "siglip", "siglip2", "efficientnet")
     size = input_size or (None if own_size_only else TINY[family].size)
     return load_encoder(find_checkpoint(f"test/{family}", folders[family]), blocks, layernorm, size, "fp32")
@@ -43,7 +48,9 @@ def images(count: int, size: int, seed: int = 0) -> np.ndarray:
 def close(got: np.ndarray, expected: torch.Tensor, tolerance: float = 2e-3) -> None:
     """float16 against float32: relative to the largest value."""
     assert got.shape == expected.shape
-    np.testing.assert_allclose(got.astype(np.float32), expected.numpy(), atol=tolerance * float(expected.abs().max()), rtol=0)
+    np.testing.assert_allclose(
+        got.astype(np.float32), expected.numpy(), atol=tolerance * float(expected.abs().max()), rtol=0
+    )
 
 
 @pytest.mark.parametrize("family", TINY)
@@ -51,7 +58,11 @@ def test_default_tokens_are_the_librarys(folders: dict[str, Path], family: str) 
     encoder, views = tiny(folders, family), images(3, TINY[family].size)
     tokens, classes = encoder.encode(views)
     _, expected, expected_class = library(family, folders[family], views)
-    assert tokens.dtype == np.float16 and encoder.grid == (TINY[family].grid,) * 2 and tokens.shape == (3, *encoder.grid, encoder.channels)
+    assert (
+        tokens.dtype == np.float16
+        and encoder.grid == (TINY[family].grid,) * 2
+        and tokens.shape == (3, *encoder.grid, encoder.channels)
+    )
     close(tokens, expected)
     assert (classes is None) == (expected_class is None) == (not encoder.class_token)
     if classes is not None and expected_class is not None:
@@ -129,10 +140,13 @@ def test_missing_tensor_is_named(folders: dict[str, Path], tmp_path: Path) -> No
         load_encoder(find_checkpoint("test/holes", tmp_path))
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"blocks": (7,)}, r"expected blocks from 0 to 2, got \[7\]"),
-    ({"input_size": 75}, "a multiple of its patch, 14, got 75; take 70"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"blocks": (7,)}, r"expected blocks from 0 to 2, got \[7\]"),
+        ({"input_size": 75}, "a multiple of its patch, 14, got 75; take 70"),
+    ],
+)
 def test_wrong_options_are_errors(folders: dict[str, Path], options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         tiny(folders, "dinov2", **options)
@@ -149,10 +163,16 @@ def test_options_an_encoder_lacks_are_errors(folders: dict[str, Path]) -> None:
 
 def test_bad_images_and_overflow_are_errors(folders: dict[str, Path], tmp_path: Path) -> None:
     encoder = tiny(folders, "dinov2")
-    for bad in (np.zeros((1, 70, 70, 3), np.float32), np.zeros((70, 70, 3), np.uint8), np.zeros((0, 70, 70, 3), np.uint8)):
+    for bad in (
+        np.zeros((1, 70, 70, 3), np.float32),
+        np.zeros((70, 70, 3), np.uint8),
+        np.zeros((0, 70, 70, 3), np.uint8),
+    ):
         with pytest.raises(ValueError, match="expected images uint8"):
             encoder.encode(bad)
-    loud = load_encoder(find_checkpoint("test/loud", save("clip", tmp_path, image_std=[1e-9] * 3)), (0,), None, None, "fp32")
+    loud = load_encoder(
+        find_checkpoint("test/loud", save("clip", tmp_path, image_std=[1e-9] * 3)), (0,), None, None, "fp32"
+    )
     loud.backbone.network.layers[0].mlp.fc2.weight.mul_(1e6)
     with pytest.raises(ValueError, match="float16's range"):
         loud.encode(images(1, 32))
@@ -172,28 +192,38 @@ def test_resizing_is_pils() -> None:
     from PIL import Image
 
     view = np.kron(images(1, 40), np.ones((1, 8, 8, 1), np.uint8))
-    for size, mode, resampling in ((224, "bicubic", Image.Resampling.BICUBIC), (500, "bilinear", Image.Resampling.BILINEAR)):
+    for size, mode, resampling in (
+        (224, "bicubic", Image.Resampling.BICUBIC),
+        (500, "bilinear", Image.Resampling.BILINEAR),
+    ):
         got = Pixels(size, (0.0,) * 3, (1.0,) * 3, mode).prepare(torch.from_numpy(view))[0].permute(1, 2, 0)  # type: ignore[arg-type]
         error = np.abs(got.numpy() - np.asarray(Image.fromarray(view[0]).resize((size, size), resampling), np.float32))
-        assert error.max() <= 2 and error.mean() < 0.1      # each of the two passes rounds
+        assert error.max() <= 2 and error.mean() < 0.1  # each of the two passes rounds
 
 
 def test_efficientnet_normalises_twice_as_its_processor(folders: dict[str, Path], tmp_path: Path) -> None:
     from transformers.models.efficientnet.image_processing_pil_efficientnet import EfficientNetImageProcessorPil
 
     size = {"height": 96, "width": 96}
-    processor = EfficientNetImageProcessorPil(image_mean=[0.485, 0.456, 0.406], image_std=[0.4785, 0.4733, 0.4743], size=size)
+    processor = EfficientNetImageProcessorPil(
+        image_mean=[0.485, 0.456, 0.406], image_std=[0.4785, 0.4733, 0.4743], size=size
+    )
     save("efficientnet", tmp_path)
     processor.save_pretrained(tmp_path)
     pixels = load_encoder(find_checkpoint("test/b", tmp_path)).backbone.pixels
     view = images(1, 96)
     expected = torch.as_tensor(np.asarray(processor(view[0])["pixel_values"][0]))
-    torch.testing.assert_close(pixels.prepare(torch.from_numpy(view))[0], expected.to(torch.float32), atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(
+        pixels.prepare(torch.from_numpy(view))[0], expected.to(torch.float32), atol=1e-4, rtol=1e-4
+    )
 
 
 def test_bf16_is_near() -> None:
     view = scene()
-    exact, rough = (embedded("saliency-vit-s14", precision=precision).encode(view)[0].astype(np.float64) for precision in ("fp32", "bf16"))
+    exact, rough = (
+        embedded("saliency-vit-s14", precision=precision).encode(view)[0].astype(np.float64)
+        for precision in ("fp32", "bf16")
+    )
     cosine = (exact * rough).sum(-1) / np.linalg.norm(exact, axis=-1) / np.linalg.norm(rough, axis=-1)
     assert cosine.min() > 0.998 and cosine.mean() > 0.9995
 
@@ -210,28 +240,30 @@ def scene() -> np.ndarray:
 
 
 def test_lite0_knows_what_it_was_trained_on() -> None:
-    from stages.encoders.efficientnet_lite0 import PIXELS, load_network
+    from b23d.stages.encoders.efficientnet_lite0 import PIXELS, load_network
 
     network = load_network(find_checkpoint("efficientnet-lite0").path)
     with torch.inference_mode():
         x = PIXELS.prepare(torch.from_numpy(scene()))
         logits = network(x)
         fused = network.fuse()(x)
-    assert logits.argmax(1).tolist() == [549, 722]          # ImageNet: envelope, ping-pong ball
+    assert logits.argmax(1).tolist() == [549, 722]  # ImageNet: envelope, ping-pong ball
     assert float(logits.softmax(1)[0, 549]) > 0.6
     torch.testing.assert_close(fused, logits, atol=1e-3, rtol=1e-3)
 
 
 def test_lite0_pads_as_tensorflow() -> None:
-    """"SAME": the output has ceil(n / stride) places, and the odd pixel of padding is at the end."""
-    from stages.encoders.efficientnet_lite0 import SameConv2d
+    """ "SAME": the output has ceil(n / stride) places, and the odd pixel of padding is at the end."""
+    from b23d.stages.encoders.efficientnet_lite0 import SameConv2d
 
     for side, stride, start in ((8, 2, 0), (7, 2, 1), (8, 1, 1)):
         convolution = SameConv2d(1, 1, 3, stride, bias=False)
         with torch.no_grad():
             convolution.weight.zero_()[0, 0, 1, 1] = 1
             ramp = torch.arange(float(side)).expand(1, 1, side, side)
-            assert convolution(ramp)[0, 0, 0].tolist() == [float(i * stride - start + 1) for i in range(-(-side // stride))]
+            assert convolution(ramp)[0, 0, 0].tolist() == [
+                float(i * stride - start + 1) for i in range(-(-side // stride))
+            ]
 
 
 def test_saliency_vit_is_the_onnx_graph() -> None:
@@ -249,13 +281,17 @@ def test_saliency_vit_is_the_onnx_graph() -> None:
             nodes.insert(0, node)
     floats = onnx.TensorProto.FLOAT
     block9 = onnx.helper.make_graph(
-        nodes, "block 9", [onnx.helper.make_tensor_value_info("input_image", floats, None)],
+        nodes,
+        "block 9",
+        [onnx.helper.make_tensor_value_info("input_image", floats, None)],
         [onnx.helper.make_tensor_value_info("/backbone/encoder/layer.9/Add_1_output_0", floats, None)],
-        [tensor for tensor in graph.initializer if tensor.name in needed])
+        [tensor for tensor in graph.initializer if tensor.name in needed],
+    )
     view = images(1, 224)
     x = encoder.backbone.pixels.prepare(torch.from_numpy(view))
-    (expected,) = ReferenceEvaluator(onnx.helper.make_model(block9, opset_imports=[onnx.helper.make_opsetid("", 14)])).run(
-        None, {"input_image": x.contiguous().numpy()})
+    (expected,) = ReferenceEvaluator(
+        onnx.helper.make_model(block9, opset_imports=[onnx.helper.make_opsetid("", 14)])
+    ).run(None, {"input_image": x.contiguous().numpy()})
     with torch.inference_mode():
         patches, first = encoder.backbone.network(x)
     np.testing.assert_allclose(first.numpy(), expected[:, 0], atol=5e-5)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app, plug_in
-from pipeline.run import Run
-from schemas.keypoints import Prediction
+from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.run import Run
+from b23d.schemas.predictions import Prediction
 from tests.shared_data import shared
 from tests.small_runs import FAST, make_boxes
 
@@ -67,7 +67,10 @@ def test_alpha_re_runs_optimize_and_score_only_and_sigma_from_the_smoothing_on(s
 def test_plan_says_why_a_class_has_no_draw(small: Path) -> None:
     words = "class chair: expected 5 annotated shapes as shots, got 3; annotate more, or lower shots.count"
     assert words in b23d("plan", str(small), "--set", "shots.count=5")
-    assert any(words in problem for problem in json.loads(b23d("plan", str(small), "--json", "--set", "shots.count=5"))["problems"])
+    assert any(
+        words in problem
+        for problem in json.loads(b23d("plan", str(small), "--json", "--set", "shots.count=5"))["problems"]
+    )
 
 
 def test_scores_json_has_the_documented_keys(small: Path) -> None:
@@ -91,7 +94,9 @@ def test_every_stage_can_be_shown_and_exported(small: Path, tmp_path: Path) -> N
 
 def test_explain_says_what_changed(small: Path) -> None:
     target = Run.load(small).plan().draws[0].targets[0].name
-    assert "stages.reweight.sigma: " in b23d("explain", str(small), target, "optimize", "--set", "stages.reweight.sigma=0.07")
+    assert "stages.reweight.sigma: " in b23d(
+        "explain", str(small), target, "optimize", "--set", "stages.reweight.sigma=0.07"
+    )
 
 
 def test_diff_puts_two_runs_side_by_side(small: Path) -> None:
@@ -102,7 +107,18 @@ def test_diff_puts_two_runs_side_by_side(small: Path) -> None:
 
 def test_transient_stages_give_the_same_predictions(small: Path, tmp_path: Path) -> None:
     override = 'store.transient=["render", "extract"]'
-    b23d("run", str(small), "--set", override, "--set", 'dataset.classes=["mug"]', "--workers", "0", "--store", str(tmp_path))
+    b23d(
+        "run",
+        str(small),
+        "--set",
+        override,
+        "--set",
+        'dataset.classes=["mug"]',
+        "--workers",
+        "0",
+        "--store",
+        str(tmp_path),
+    )
     assert not (tmp_path / "extract").exists()
     for shape, draw, artifact in Run.load(small, ['dataset.classes=["mug"]'], str(tmp_path)).collect("optimize"):
         kept = Run.load(small).artifact(shape.name, "optimize", draw)
@@ -111,7 +127,9 @@ def test_transient_stages_give_the_same_predictions(small: Path, tmp_path: Path)
 
 
 def test_boxes_corners_are_found(tmp_path: Path) -> None:
-    path = make_boxes(tmp_path, extra=FAST.replace("rings = 1", "rings = 3").replace("resolution = 64", "resolution = 128"))
+    path = make_boxes(
+        tmp_path, extra=FAST.replace("rings = 1", "rings = 3").replace("resolution = 64", "resolution = 128")
+    )
     b23d("run", str(path), "--workers", "0")
     scores = json.loads(b23d("scores", str(path), "--json"))
     assert scores["mean"]["iou"]["mean"][10] > 0.5
@@ -120,8 +138,10 @@ def test_boxes_corners_are_found(tmp_path: Path) -> None:
 def test_keypointnet_clouds(tmp_path: Path) -> None:
     root = shared("keypointnet")
     path = tmp_path / "k.toml"
-    path.write_text(f'name = "k"\n[dataset]\nkind = "keypointnet"\nroot = "{root}"\nclasses = ["airplane"]\n[shots]\ndraws = [0]\n'
-                    f'[store]\nroot = "{tmp_path / "store"}"\n' + FAST)
+    path.write_text(
+        f'name = "k"\n[dataset]\nkind = "keypointnet"\nroot = "{root}"\nclasses = ["airplane"]\n[shots]\ndraws = [0]\n'
+        f'[store]\nroot = "{tmp_path / "store"}"\n' + FAST
+    )
     b23d("run", str(path), "--workers", "2", "--limit", "2")
     scores = json.loads(b23d("scores", str(path), "--json"))
     assert scores["classes"]["airplane"]["targets"] >= 1

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.draws import draw_shots
-from pipeline.errors import ResourceError
-from pipeline.plan import State
-from pipeline.run import Run
-from pipeline.store import Store
-from schemas.runfile import Shots
+from b23d.pipeline.draws import draw_shots
+from b23d.pipeline.errors import ResourceError
+from b23d.pipeline.plan import State
+from b23d.pipeline.run import Run
+from b23d.pipeline.store import Store
+from b23d.schemas.runfile import Shots
 from tests.toy import Numbers, make_toy
 
 
@@ -47,8 +47,16 @@ def test_a_run_makes_what_it_says_and_a_second_does_nothing(tmp_path: Path) -> N
 def test_a_parameter_re_runs_what_depends_on_it_and_nothing_else(tmp_path: Path) -> None:
     path = make_toy(tmp_path)
     Run.load(path).execute(workers=0)
-    assert states(Run.load(path, ["stages.add.weight=2"])) == {"square": {"cached": 6}, "shift": {"cached": 6}, "add": {"run": 8}}
-    assert states(Run.load(path, ["stages.shift.by=2"])) == {"square": {"cached": 6}, "shift": {"run": 6}, "add": {"run": 8}}
+    assert states(Run.load(path, ["stages.add.weight=2"])) == {
+        "square": {"cached": 6},
+        "shift": {"cached": 6},
+        "add": {"run": 8},
+    }
+    assert states(Run.load(path, ["stages.shift.by=2"])) == {
+        "square": {"cached": 6},
+        "shift": {"run": 6},
+        "add": {"run": 8},
+    }
     assert states(Run.load(path, ["stages.add.weight=1.0"]))["add"] == {"cached": 8}
 
 
@@ -58,8 +66,14 @@ def test_a_new_shape_runs_alone_and_an_edited_one_again(tmp_path: Path) -> None:
     (tmp_path / "numbers" / "new8.txt").write_text("3 4")
     (tmp_path / "numbers" / "new9.txt").write_text("3 4 5")
     run = Run.load(path)
-    assert not {s.name for d in run.plan().draws for s in d.shots} & {"toy/new8", "toy/new9"}, "choose other names: these rank first"
-    assert states(run) == {"square": {"run": 2, "cached": 6}, "shift": {"run": 2, "cached": 6}, "add": {"run": 4, "cached": 8}}
+    assert not {s.name for d in run.plan().draws for s in d.shots} & {"toy/new8", "toy/new9"}, (
+        "choose other names: these rank first"
+    )
+    assert states(run) == {
+        "square": {"run": 2, "cached": 6},
+        "shift": {"run": 2, "cached": 6},
+        "add": {"run": 4, "cached": 8},
+    }
     os.utime(tmp_path / "numbers" / "s0.txt")
     assert states(Run.load(path))["square"] == {"run": 2, "cached": 6}
 
@@ -141,23 +155,25 @@ def test_limit_keeps_the_draws(tmp_path: Path) -> None:
 
 
 def test_draws_are_stable_and_seeded() -> None:
-    from pipeline.dataset import Leaf, Shape
+    from b23d.pipeline.dataset import Leaf, Shape
 
-    leaf = Leaf(dict)   # type: ignore[arg-type]
+    leaf = Leaf(dict)  # type: ignore[arg-type]
     shapes = [Shape(f"m{i}", "c", {"keypoints": leaf}) for i in range(40)]
     draws = draw_shots(shapes, Shots(count=3, draws=list(range(20))), (), {"keypoints"})
     assert len({tuple(s.id for s in d.shots) for d in draws}) > 15
     assert all(len(d.targets) == 37 and not {s.id for s in d.shots} & {s.id for s in d.targets} for d in draws)
-    more = draw_shots([*shapes, Shape("new", "c", {"keypoints": leaf})], Shots(count=3, draws=list(range(20))), (), {"keypoints"})
+    more = draw_shots(
+        [*shapes, Shape("new", "c", {"keypoints": leaf})], Shots(count=3, draws=list(range(20))), (), {"keypoints"}
+    )
     same = sum(a.shots == b.shots for a, b in zip(draws, more, strict=True))
     assert same >= 15, "a new shape enters a draw with probability 3/41"
 
 
 def test_shots_have_what_the_run_s_stages_ask_of_them() -> None:
     """Keypoints, parts, or both; a class that has only one of them is drawn by that one."""
-    from pipeline.dataset import Leaf, Shape
+    from b23d.pipeline.dataset import Leaf, Shape
 
-    leaf = Leaf(dict)   # type: ignore[arg-type]
+    leaf = Leaf(dict)  # type: ignore[arg-type]
     names = [["source"] + ["keypoints"] * (i % 2) + ["parts"] * (i > 4) for i in range(10)]
     some = [Shape(f"m{i}", "some", dict.fromkeys(names[i], leaf)) for i in range(10)]
     parts = [Shape(f"m{i}", "parts", {"source": leaf, "parts": leaf}) for i in range(4)]
@@ -181,7 +197,12 @@ def test_what_sees_shots_alone_is_made_once_a_draw(tmp_path: Path) -> None:
     """It does not depend on the target, not even on a first target that cannot be read."""
     run = Run.load(make_toy(tmp_path), ['outputs=["use"]'])
     plan = run.plan()
-    assert {stage: sum(n.values()) for stage, n in plan.count().items()} == {"square": 6, "shift": 6, "total": 2, "use": 8}
+    assert {stage: sum(n.values()) for stage, n in plan.count().items()} == {
+        "square": 6,
+        "shift": 6,
+        "total": 2,
+        "use": 8,
+    }
     assert sorted(tuple(node.draws) for node in plan.nodes.values() if node.stage == "total") == [(0,), (1,)]
     (tmp_path / "numbers" / f"{plan.draws[0].targets[0].id}.txt").unlink()
     report = run.execute(workers=0)
@@ -190,7 +211,9 @@ def test_what_sees_shots_alone_is_made_once_a_draw(tmp_path: Path) -> None:
     assert len([outcome for outcome in report.done if outcome.stage == "use"]) >= 6, "all other targets"
     shots = [shot.name for shot in run.plan().draws[0].shots]
     wanted = sum(values(run, shot, "shift").sum() for shot in shots)
-    totals = [artifact.values[0] for _, draw, artifact in run.collect("total") if draw == 0 and isinstance(artifact, Numbers)]
+    totals = [
+        artifact.values[0] for _, draw, artifact in run.collect("total") if draw == 0 and isinstance(artifact, Numbers)
+    ]
     assert totals and set(totals) == {wanted}
 
 
@@ -220,13 +243,17 @@ def test_a_resource_no_worker_has_is_an_error_before_the_run(tmp_path: Path) -> 
 def test_killed_at_random_and_resumed_loses_and_repeats_nothing(tmp_path: Path, seed: int) -> None:
     """Artifacts finished before a SIGKILL are whole, and stay the ones they were."""
     path = make_toy(tmp_path, count=12, extra="[stages.square]\npause = 0.05\n")
-    code = f"import tests.toy; from pipeline.run import Run; Run.load({str(path)!r}).execute(workers=0)"
+    code = f"import tests.toy; from b23d.pipeline.run import Run; Run.load({str(path)!r}).execute(workers=0)"
     process = subprocess.Popen([sys.executable, "-c", code], cwd=Path(__file__).parents[1])
     time.sleep(1.2 + random.Random(seed).random() * 0.6)
     process.send_signal(signal.SIGKILL)
     process.wait()
     store = Store(tmp_path / "store")
-    finished = {(stage, a): store.head(stage, a).provenance["created"] for stage in store.stages() for a in store.addresses(stage)}
+    finished = {
+        (stage, a): store.head(stage, a).provenance["created"]
+        for stage in store.stages()
+        for a in store.addresses(stage)
+    }
     assert not any(store.damage(stage, a) for stage, a in finished)
     report = Run.load(path).execute(workers=0)
     assert report.ok and not {(o.stage, o.address) for o in report.done} & finished.keys()

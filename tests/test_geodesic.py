@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from schemas.shape import NormalizedShape
-from stages.geodesic import GeodesicParams, geodesic
-from stages.geodesics.graph import neighbour_edges
-from stages.geodesics.shortcuts import consistently_wound, cut_shortcuts
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.geodesic import GeodesicParams, geodesic
+from b23d.stages.geodesics.graph import neighbour_edges
+from b23d.stages.geodesics.shortcuts import consistently_wound, cut_shortcuts
 
 HALF_PRECISION = 1e-3  # float16's relative step, twice
 
@@ -36,7 +36,9 @@ def shape(
 def on_mesh(vertices: np.ndarray, faces: np.ndarray, count: int, seed: int = 0) -> NormalizedShape:
     """A mesh with `count` evenly spread points on it."""
     rng = np.random.default_rng(seed)
-    area = np.linalg.norm(np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1)
+    area = np.linalg.norm(
+        np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]), axis=1
+    )
     cumulative = np.cumsum(area)
     at = np.searchsorted(cumulative, (np.arange(count) + rng.random(count)) / count * cumulative[-1])
     weights = rng.dirichlet([1, 1, 1], count)
@@ -102,12 +104,16 @@ def test_straight_lines_on_a_plane() -> None:
 def test_a_line_of_points_is_exact(neighbors: int) -> None:
     at = np.cumsum(np.random.default_rng(0).random(60)) / 30
     points = np.column_stack([at, 2 * at, -at]) / 6**0.5
-    np.testing.assert_allclose(solve(shape(points), neighbors=neighbors), np.abs(at[:, None] - at), rtol=HALF_PRECISION, atol=1e-6)
+    np.testing.assert_allclose(
+        solve(shape(points), neighbors=neighbors), np.abs(at[:, None] - at), rtol=HALF_PRECISION, atol=1e-6
+    )
 
 
 def test_euclidean_is_the_straight_line() -> None:
     points = cloud()
-    np.testing.assert_allclose(solve(shape(points), method="euclidean"), cdist(points, points), rtol=HALF_PRECISION, atol=1e-6)
+    np.testing.assert_allclose(
+        solve(shape(points), method="euclidean"), cdist(points, points), rtol=HALF_PRECISION, atol=1e-6
+    )
 
 
 def test_cutting_leaves_what_has_no_other_way() -> None:
@@ -169,7 +175,12 @@ def test_order_rotation_and_scale(params: dict) -> None:
 def test_heat_on_a_mesh_does_not_depend_on_the_frame() -> None:
     ball = sphere(200)
     rotation = Rotation.from_rotvec([0.3, -1.0, 2.0])
-    turned = shape(rotation.apply(ball.points), rotation.apply(ball.vertices), ball.faces, (ball.point_faces, ball.point_barycentrics))
+    turned = shape(
+        rotation.apply(ball.points),
+        rotation.apply(ball.vertices),
+        ball.faces,
+        (ball.point_faces, ball.point_barycentrics),
+    )
     np.testing.assert_allclose(solve(turned, method="heat"), solve(ball, method="heat"), atol=5e-3)
 
 
@@ -233,7 +244,10 @@ def test_heat_takes_dirty_meshes() -> None:
         np.concatenate([ball.points, fin[:1] * 0.999, fin[:1]]),
         vertices,
         faces,
-        (np.concatenate([ball.point_faces, [last, last]]), np.concatenate([ball.point_barycentrics, [[0.98, 0.01, 0.01], [1, 0, 0]]])),
+        (
+            np.concatenate([ball.point_faces, [last, last]]),
+            np.concatenate([ball.point_barycentrics, [[0.98, 0.01, 0.01], [1, 0, 0]]]),
+        ),
     )
     result = geodesic(dirty, GeodesicParams(method="heat"))
     assert np.isfinite(result.distances).all()

@@ -1,4 +1,5 @@
-"""The parts of geodesic: neighbour graph, all-pairs shortest paths, links between components, points inserted into a mesh."""
+"""The parts of geodesic: neighbour graph, all-pairs shortest paths, links between components, points inserted into a
+mesh."""
 
 from __future__ import annotations
 
@@ -7,10 +8,10 @@ import pytest
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from stages.geodesics.bridging import links
-from stages.geodesics.graph import edge_graph, graph_distances, label_components, neighbour_edges
-from stages.geodesics.insertion import insert_points
-from stages.geodesics.paths import all_pairs
+from b23d.stages.geodesics.bridging import links
+from b23d.stages.geodesics.graph import edge_graph, graph_distances, label_components, neighbour_edges
+from b23d.stages.geodesics.insertion import insert_points
+from b23d.stages.geodesics.paths import all_pairs
 from tests.test_geodesic import cloud, sphere
 
 
@@ -57,7 +58,9 @@ def test_links_are_the_shortest_that_connect() -> None:
     points = rng.random((90, 3)) * 0.3 + rng.random((9, 3))[components]
     ends, lengths = links(points, components)
     assert len(set(components[ends].ravel())) == 9
-    gaps = np.array([[cdist(points[components == a], points[components == b]).min() for b in range(9)] for a in range(9)])
+    gaps = np.array(
+        [[cdist(points[components == a], points[components == b]).min() for b in range(9)] for a in range(9)]
+    )
     np.testing.assert_allclose(lengths.sum(), minimum_spanning_tree(gaps).sum())
     np.testing.assert_allclose(lengths, np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1))
 

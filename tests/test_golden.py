@@ -1,4 +1,5 @@
-"""Golden outputs guard (stage, version): what a stage makes of a fixed small input changes only together with its version.
+"""Golden outputs guard (stage, version): what a stage makes of a fixed small input changes only together with its
+version.
 
 Where a change is meant: raise the stage's version, then `python -m tests.test_golden` writes tests/golden.json anew.
 """
@@ -14,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.run import Run
-from schemas.artifact import Artifact
+from b23d.pipeline.run import Run
+from b23d.schemas.artifact import Artifact
 from tests.small_runs import FAST
 
 GOLDEN = Path(__file__).with_name("golden.json")
@@ -58,7 +59,8 @@ def fingerprint(artifact: Artifact) -> dict[str, list[Any]]:
 
 
 def outputs_of(way: str, folder: Path) -> dict[str, Any]:
-    """Stage → {"version", "arrays"} of what a run makes of its first target (its first shape, where it has no shots)."""
+    """Stage → {"version", "arrays"} of what a run makes of its first target (its first shape, where it has no
+    shots)."""
     outputs, feeds, overrides = WAYS[way]
     path = folder / f"{way}.toml"
     lines = "\n".join(f'{argument} = "{stage}"' for argument, stage in feeds.items())
@@ -82,11 +84,15 @@ def test_outputs_change_only_with_the_stages_version(way: str, tmp_path: Path) -
     for stage, now in outputs_of(way, tmp_path).items():
         advice = f"{stage} {now['version']}: its output is not what golden.json has; raise its version, then python -m tests.test_golden"
         before = golden[stage]
-        assert now["version"] == before["version"], f"{stage}: version is not golden.json's; python -m tests.test_golden"
+        assert now["version"] == before["version"], (
+            f"{stage}: version is not golden.json's; python -m tests.test_golden"
+        )
         assert now["arrays"].keys() == before["arrays"].keys(), advice
         for name, (shape, *figures) in now["arrays"].items():
             assert shape == before["arrays"][name][0], f"{advice} ({name})"
-            np.testing.assert_allclose(figures, before["arrays"][name][1:], rtol=5e-3, atol=1e-4, err_msg=f"{advice} ({name})")
+            np.testing.assert_allclose(
+                figures, before["arrays"][name][1:], rtol=5e-3, atol=1e-4, err_msg=f"{advice} ({name})"
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""The trained head: it finds what can be told apart, is the same every time, judges presence on unseen shots, and runs once a draw."""
+"""The trained head: it finds what can be told apart, is the same every time, judges presence on unseen shots, and runs
+once a draw."""
 
 from __future__ import annotations
 
@@ -8,18 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.run import Run
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.head import KeypointHead
-from schemas.keypoints import Prediction
-from schemas.shape import Keypoints, NormalizedShape
-from stages.apply_head import ApplyHeadParams, apply_head
-from stages.heads.calibration import threshold
-from stages.heads.choosing import choose
-from stages.heads.detector import probabilities
-from stages.heads.inputs import gaussian, shape_inputs
-from stages.heads.training import principal
-from stages.train_head import TrainHeadParams, train_head
+from b23d.pipeline.run import Run
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.head import KeypointHead
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.apply_head import ApplyHeadParams, apply_head
+from b23d.stages.heads.calibration import threshold
+from b23d.stages.heads.choosing import choose
+from b23d.stages.heads.detector import probabilities
+from b23d.stages.heads.inputs import gaussian, shape_inputs
+from b23d.stages.heads.training import principal
+from b23d.stages.train_head import TrainHeadParams, train_head
 from tests.made_features import apart, cloud, described, keypointed
 
 Shot = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
@@ -28,7 +30,8 @@ SHARP = {"sigma": 0.01, "context": 0.0}
 
 
 def shot(seed: int, ids: list[int] = IDS, n: int = 120, channels: int = 16) -> tuple[Shot, list[int]]:
-    """Noise, and at each keypoint (a random candidate) a channel of its own that no other point has. Returns it and the candidates."""
+    """Noise, and at each keypoint (a random candidate) a channel of its own that no other point has. Returns it and the
+    candidates."""
     random = np.random.default_rng(seed)
     points = random.uniform(-0.5, 0.5, (n, 3))
     at = random.choice(n, len(ids), replace=False).tolist()
@@ -64,7 +67,9 @@ def test_training_again_gives_the_same_head() -> None:
     shots = [shot(seed)[0] for seed in range(2)]
     for hidden in (0, 8):
         one, other = trained(shots, hidden=hidden), trained(shots, hidden=hidden)
-        assert all(np.array_equal(a, other.present_arrays()[name], equal_nan=True) for name, a in one.present_arrays().items())
+        assert all(
+            np.array_equal(a, other.present_arrays()[name], equal_nan=True) for name, a in one.present_arrays().items()
+        )
     assert not np.array_equal(trained(shots, hidden=8).weights, trained(shots, hidden=8, seed=1).weights)
 
 
@@ -128,7 +133,9 @@ def test_a_neighbourhood_s_mean_follows_the_surface() -> None:
     cut[:60, 60:] = cut[60:, :60] = np.inf
     parted, lengths = shape_inputs("it", shape, features, distances.model_copy(update={"distances": cut}), "raw", 0.2)
     weights = np.exp(-0.5 * (lengths[:60, :60].astype(float) / 0.2) ** 2)
-    assert np.allclose(parted[:60, 16:], weights @ alone[:60] / weights.sum(1, keepdims=True), atol=1e-5), "nothing from beyond a gap"
+    assert np.allclose(parted[:60, 16:], weights @ alone[:60] / weights.sum(1, keepdims=True), atol=1e-5), (
+        "nothing from beyond a gap"
+    )
     assert gaussian(np.array([0, np.inf]), 0.1).tolist() == [1, 0]
 
 
@@ -136,7 +143,9 @@ def test_folding_the_principal_components_in_changes_nothing() -> None:
     random = np.random.default_rng(0)
     rows = random.normal(size=(50, 6)) @ random.normal(size=(6, 6))
     basis = principal(rows, 6)
-    assert np.allclose(np.linalg.svd(basis, compute_uv=False), np.linalg.norm(basis[:, 0]), rtol=1e-4), "an orthogonal basis, scaled"
+    assert np.allclose(np.linalg.svd(basis, compute_uv=False), np.linalg.norm(basis[:, 0]), rtol=1e-4), (
+        "an orthogonal basis, scaled"
+    )
     assert (rows @ basis)[:, 0].std() == pytest.approx(1, rel=0.1)
     assert principal(rows, 2).shape == (6, 2)
     head = trained([shot(0)[0], shot(1)[0]], components=4)
@@ -146,7 +155,12 @@ def test_folding_the_principal_components_in_changes_nothing() -> None:
 
 def test_a_run_trains_once_a_draw(tmp_path: Path) -> None:
     """All targets of a draw share one head: its address depends on the shots alone."""
-    overrides = ["dataset.count=5", "shots.draws=[0, 1]", 'dataset.classes=["chair", "mug"]', f'store.root="{tmp_path}"']
+    overrides = [
+        "dataset.count=5",
+        "shots.draws=[0, 1]",
+        'dataset.classes=["chair", "mug"]',
+        f'store.root="{tmp_path}"',
+    ]
     run = Run.load(Path(__file__).parents[1] / "runs" / "head.toml", overrides)
     plan = run.plan()
     counts = {stage: sum(states.values()) for stage, states in plan.count().items()}
@@ -162,7 +176,9 @@ def test_what_does_not_fit_is_named() -> None:
     head = trained([(shape, features, distances, keypoints)])
     with pytest.raises(ValueError, match=r"features: expected inputs of 16 numbers as the head has .* got 5"):
         found((shape, described(features.features[:, :5]), distances, keypoints), head)
-    with pytest.raises(ValueError, match="the target: expected features and distances of its 120 candidates, got 7 and 120"):
+    with pytest.raises(
+        ValueError, match="the target: expected features and distances of its 120 candidates, got 7 and 120"
+    ):
         found((shape, described(features.features[:7]), distances, keypoints), head)
     with pytest.raises(ValueError, match="shots: expected at least one keypoint, got none"):
         trained([(shape, features, distances, keypointed(shape.points, [], []))])

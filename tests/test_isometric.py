@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from stages.datasets.procedural.isometric import isometric_cubes
+from b23d.stages.datasets.procedural.isometric import isometric_cubes
 
 
 def edges(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -21,7 +21,9 @@ def test_connectivity_and_every_edge_agree_exactly() -> None:
 
 def test_both_are_closed_and_their_volumes_differ_by_twice_the_dent() -> None:
     depth, reach = 0.2, 0.36
-    inwards, outwards = (trimesh.Trimesh(s.vertices, s.faces, process=False) for s in isometric_cubes(cells=64, depth=depth, reach=reach))
+    inwards, outwards = (
+        trimesh.Trimesh(s.vertices, s.faces, process=False) for s in isometric_cubes(cells=64, depth=depth, reach=reach)
+    )
     assert inwards.is_watertight and outwards.is_watertight
     assert inwards.volume + outwards.volume == pytest.approx(2.0)
     # the integral of depth (1 - r²/R²)² over the disc of radius R is π R² depth / 3

@@ -11,8 +11,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stages.geometry.loading import load
-from stages.geometry.surface import Cloud, Surface
+from b23d.stages.geometry.loading import load
+from b23d.stages.geometry.surface import Cloud, Surface
 from tests.shared_data import shared
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 1.5, 0]]
@@ -40,7 +40,10 @@ def fan(polygons: list[list[int]]) -> list[list[int]]:
 @st.composite
 def polygon_meshes(draw: st.DrawFn) -> tuple[np.ndarray, list[list[int]]]:
     count = draw(st.integers(3, 12))
-    vertices = np.array(draw(st.lists(st.tuples(*[st.integers(-999, 999)] * 3), min_size=count, max_size=count)), np.float64) / 8
+    vertices = (
+        np.array(draw(st.lists(st.tuples(*[st.integers(-999, 999)] * 3), min_size=count, max_size=count)), np.float64)
+        / 8
+    )
     polygons = draw(st.lists(st.lists(st.integers(0, count - 1), min_size=3, max_size=6), min_size=1, max_size=8))
     return vertices, polygons
 
@@ -56,14 +59,26 @@ def obj(vertices: np.ndarray, polygons: list[list[int]], style: str, relative: b
             index = v - len(vertices) if relative else v + 1
             t = -1 - (i + j) % 3 if relative else 1 + (i + j) % 3
             kind = style if style != "mixed" else ("v", "v/t", "v//n", "v/t/n")[(i + j) % 4]
-            words.append({"v": f"{index}", "v/t": f"{index}/{t}", "v//n": f"{index}//1", "v/t/n": f"{index}/{t}/1"}[kind])
-        lines += [f"usemtl m{i % 2}", "  f " + (" \\\n " if i == 0 else " ").join(words) + ("  # remark" if i == 1 else " ")]
+            words.append(
+                {"v": f"{index}", "v/t": f"{index}/{t}", "v//n": f"{index}//1", "v/t/n": f"{index}/{t}/1"}[kind]
+            )
+        lines += [
+            f"usemtl m{i % 2}",
+            "  f " + (" \\\n " if i == 0 else " ").join(words) + ("  # remark" if i == 1 else " "),
+        ]
     return end.join(lines).replace("\\\n", "\\" + end).encode()
 
 
 @settings(max_examples=60, deadline=None)
-@given(polygon_meshes(), st.sampled_from(["v", "v/t", "v//n", "v/t/n", "mixed"]), st.booleans(), st.sampled_from(["\n", "\r\n"]))
-def test_obj_keeps_its_v_lines_in_every_dialect(mesh: tuple[np.ndarray, list[list[int]]], style: str, relative: bool, end: str) -> None:
+@given(
+    polygon_meshes(),
+    st.sampled_from(["v", "v/t", "v//n", "v/t/n", "mixed"]),
+    st.booleans(),
+    st.sampled_from(["\n", "\r\n"]),
+)
+def test_obj_keeps_its_v_lines_in_every_dialect(
+    mesh: tuple[np.ndarray, list[list[int]]], style: str, relative: bool, end: str
+) -> None:
     vertices, polygons = mesh
     read = surface(obj(vertices, polygons, style, relative, end), "mesh.obj")
     np.testing.assert_array_equal(read.vertices, vertices)
@@ -71,11 +86,16 @@ def test_obj_keeps_its_v_lines_in_every_dialect(mesh: tuple[np.ndarray, list[lis
 
 
 def ply(vertices: np.ndarray, polygons: list[list[int]], encoding: str, double: bool = False) -> bytes:
-    """A PLY with a leading element to pass over, a property behind the coordinates, and one before and one behind the list."""
+    """A PLY with a leading element to pass over, a property behind the coordinates, and one before and one behind the
+    list."""
     order = ">" if "big" in encoding else "<"
     real, name = ("f8", "double") if double else ("f4", "float")
     header = f"ply\nformat {encoding} 1.0\ncomment made by a test\nelement camera 1\nproperty int mode\n"
-    header += f"element vertex {len(vertices)}\n" + "".join(f"property {name} {axis}\n" for axis in "xyz") + "property uchar quality\n"
+    header += (
+        f"element vertex {len(vertices)}\n"
+        + "".join(f"property {name} {axis}\n" for axis in "xyz")
+        + "property uchar quality\n"
+    )
     header += f"element face {len(polygons)}\nproperty uchar flags\nproperty list uchar int vertex_indices\n"
     header += "property short group\nend_header\n"
     if encoding == "ascii":
@@ -104,7 +124,9 @@ def test_ply_of_mixed_polygons(mesh: tuple[np.ndarray, list[list[int]]], encodin
 def test_off_of_mixed_polygons(mesh: tuple[np.ndarray, list[list[int]]], head: str) -> None:
     vertices, polygons = mesh
     color = " 255 0 9 255" if head.startswith("C") else ""
-    lines = [f"{head}{len(vertices)} {len(polygons)} 0"] + [f"{x:.17g} {y:.17g} {z:.17g}{color}" for x, y, z in vertices]
+    lines = [f"{head}{len(vertices)} {len(polygons)} 0"] + [
+        f"{x:.17g} {y:.17g} {z:.17g}{color}" for x, y, z in vertices
+    ]
     lines += [f"{len(p)} {' '.join(map(str, p))} 0.5 0.5 0.5" for p in polygons]
     read = surface("\n".join(lines).encode(), "mesh.off")
     np.testing.assert_array_equal(read.vertices, vertices)
@@ -118,7 +140,10 @@ def test_off_of_mixed_polygons(mesh: tuple[np.ndarray, list[list[int]]], head: s
 def test_what_trimesh_writes(suffix: str) -> None:
     """The same triangles in the same places, whatever the format."""
     mesh = trimesh.creation.torus(1.0, 0.3, major_sections=12, minor_sections=7)
-    read = surface(mesh.export(file_type=suffix) if suffix not in ("obj", "off") else mesh.export(file_type=suffix).encode(), f"m.{suffix}")
+    read = surface(
+        mesh.export(file_type=suffix) if suffix not in ("obj", "off") else mesh.export(file_type=suffix).encode(),
+        f"m.{suffix}",
+    )
     np.testing.assert_allclose(read.vertices[read.faces], mesh.triangles, atol=1e-6)
     if suffix != "stl":  # STL has no shared vertices
         np.testing.assert_allclose(read.vertices, mesh.vertices, atol=1e-6)
@@ -191,17 +216,28 @@ def npz(**arrays: np.ndarray) -> bytes:
         (npz(points=POINTS, colors=COLORS), "c.npz"),
         (npz(anything=np.hstack([POINTS, POINTS]), rgb=COLORS / 255), "c.npz"),
         ("\n".join(" ".join(map(str, [*p, *c])) for p, c in zip(POINTS, COLORS, strict=True)).encode(), "c.xyz"),
-        (b"x,y,z,r,g,b\n" + b"\r\n".join(",".join(map(str, [*p, *c])).encode() for p, c in zip(POINTS, COLORS, strict=True)), "c.xyz"),
+        (
+            b"x,y,z,r,g,b\n"
+            + b"\r\n".join(",".join(map(str, [*p, *c])).encode() for p, c in zip(POINTS, COLORS, strict=True)),
+            "c.xyz",
+        ),
         (trimesh.PointCloud(POINTS, COLORS).export(file_type="ply"), "c.ply"),
         (trimesh.PointCloud(POINTS, COLORS).export(file_type="glb"), "c.glb"),
-        ("\n".join("v " + " ".join(map(str, [*p, *(c / 255)])) for p, c in zip(POINTS, COLORS, strict=True)).encode(), "c.obj"),
+        (
+            "\n".join(
+                "v " + " ".join(map(str, [*p, *(c / 255)])) for p, c in zip(POINTS, COLORS, strict=True)
+            ).encode(),
+            "c.obj",
+        ),
     ],
 )
 def test_clouds_keep_order_and_colors(data: bytes, name: str) -> None:
     read = cloud(data, name)
     np.testing.assert_allclose(read.points, POINTS, rtol=1e-6)
     assert read.colors is not None
-    if not (name == "c.pcd" and b"TYPE F F F U F" in data and b"ascii" in data):  # a float's text may lose the packed bits
+    if not (
+        name == "c.pcd" and b"TYPE F F F U F" in data and b"ascii" in data
+    ):  # a float's text may lose the packed bits
         np.testing.assert_array_equal(read.colors, COLORS)
 
 
@@ -212,7 +248,12 @@ def test_xyz_with_normals_has_no_colors() -> None:
 
 def test_nan_and_infinity_are_numbers() -> None:
     read = surface(b"v nan 0 0\nv 1 -inf 0\nv 0 1 -1.#IND\nv 0 0 0\nf 1 2 3\n", "m.obj")
-    assert np.isfinite(read.vertices).tolist() == [[False, True, True], [True, False, True], [True, True, False], [True] * 3]
+    assert np.isfinite(read.vertices).tolist() == [
+        [False, True, True],
+        [True, False, True],
+        [True, True, False],
+        [True] * 3,
+    ]
 
 
 # --- bad files -------------------------------------------------------------------------------------------------------
@@ -279,7 +320,8 @@ FORMATS: dict[str, Callable[[], bytes]] = {
 @settings(max_examples=150, deadline=None)
 @given(st.sampled_from(sorted(FORMATS)), st.data())
 def test_any_damage_is_read_or_a_value_error(name: str, data: st.DataObject) -> None:
-    """Cut, flipped, inserted bytes: a result with faces in range, or a ValueError that names the shape; nothing else."""
+    """Cut, flipped, inserted bytes: a result with faces in range, or a ValueError that names the shape; nothing
+    else."""
     whole = bytearray(FORMATS[name]())
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, max(len(whole) - 1, 0)))

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from schemas.shape import Keypoints
-from stages.geometry.keypoints import check_keypoints, keypoint_candidates
-from stages.geometry.nearest import cover, nearest_barycentrics, nearest_on_faces
-from stages.geometry.sampling import surface_samples
+from b23d.schemas.keypoints import Keypoints
+from b23d.stages.geometry.keypoints import check_keypoints, keypoint_candidates
+from b23d.stages.geometry.nearest import cover, nearest_barycentrics, nearest_on_faces
+from b23d.stages.geometry.sampling import surface_samples
 from tests.made_shapes import of_cloud
 
 
@@ -51,7 +51,9 @@ def test_nearest_faces_beside_brute_force() -> None:
     triangles = mesh.vertices[mesh.faces]
     every = nearest_barycentrics(np.repeat(points, len(triangles), axis=0), np.tile(triangles, (len(points), 1, 1)))
     places = np.einsum("nc,ncx->nx", every, np.tile(triangles, (len(points), 1, 1)))
-    exact = np.linalg.norm(places - np.repeat(points, len(triangles), axis=0), axis=1).reshape(len(points), -1).min(axis=1)
+    exact = (
+        np.linalg.norm(places - np.repeat(points, len(triangles), axis=0), axis=1).reshape(len(points), -1).min(axis=1)
+    )
     np.testing.assert_allclose(distance, exact, atol=1e-12)
     away = points + np.array([0, 9, 0])
     far, distance = nearest_on_faces(away, mesh.vertices, mesh.faces)
@@ -79,7 +81,9 @@ def test_keypoints_are_found_among_candidates() -> None:
     points = np.random.default_rng(0).normal(size=(300, 3)) * 7 + 5
     chosen = [5, 299, 0]
     whole, fewer = of_cloud(points), of_cloud(points, candidates="fps")
-    np.testing.assert_array_equal(keypoint_candidates(annotated(points[chosen] + 99, chosen), whole), chosen)  # the index counts
+    np.testing.assert_array_equal(
+        keypoint_candidates(annotated(points[chosen] + 99, chosen), whole), chosen
+    )  # the index counts
     np.testing.assert_array_equal(keypoint_candidates(annotated(points[chosen], [5, -1, -1]), whole), chosen)
     found = keypoint_candidates(annotated(points[chosen], chosen), fewer)
     unit = (points[chosen] - fewer.center) / fewer.scale
@@ -90,6 +94,8 @@ def test_keypoints_are_found_among_candidates() -> None:
 def test_a_keypoint_beyond_the_cloud_is_an_error() -> None:
     points = np.random.default_rng(0).normal(size=(30, 3))
     keypoints = annotated(points[:2], [3, 30])
-    with pytest.raises(ValueError, match="keypoint 11 of chair/one: expected a point index below 30, got 30; mend the annotation file"):
+    with pytest.raises(
+        ValueError, match="keypoint 11 of chair/one: expected a point index below 30, got 30; mend the annotation file"
+    ):
         check_keypoints(keypoints, of_cloud(points), "chair/one")
     check_keypoints(keypoints, of_cloud(points, candidates="fps", count=8))

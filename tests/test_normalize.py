@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from schemas.shape import NormalizedShape, Source
-from stages.geometry.cleaning import fill_gaps
-from stages.geometry.sampling import farthest_points, surface_samples
-from stages.normalize import NormalizeParams, normalize
+from b23d.schemas.shape import NormalizedShape, Source
+from b23d.stages.geometry.cleaning import fill_gaps
+from b23d.stages.geometry.sampling import farthest_points, surface_samples
+from b23d.stages.normalize import NormalizeParams, normalize
 from tests.made_shapes import BOX, ROUGH, obj, of_cloud, of_mesh, on_surface
 from tests.shared_data import shared
 
@@ -33,7 +33,9 @@ def meshes(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=60, deadline=None)
 @given(meshes())
-def test_the_box_is_centred_its_longest_side_is_one_and_the_way_back_is_known(mesh: tuple[np.ndarray, np.ndarray]) -> None:
+def test_the_box_is_centred_its_longest_side_is_one_and_the_way_back_is_known(
+    mesh: tuple[np.ndarray, np.ndarray],
+) -> None:
     vertices, faces = mesh
     shape = of_mesh(vertices, faces)
     used = shape.vertices[np.unique(shape.faces)]
@@ -47,7 +49,9 @@ def test_the_box_is_centred_its_longest_side_is_one_and_the_way_back_is_known(me
 
 @settings(max_examples=30, deadline=None)
 @given(meshes(), st.randoms(use_true_random=False))
-def test_the_order_and_the_winding_of_faces_do_not_move_the_frame(mesh: tuple[np.ndarray, np.ndarray], random: Any) -> None:
+def test_the_order_and_the_winding_of_faces_do_not_move_the_frame(
+    mesh: tuple[np.ndarray, np.ndarray], random: Any
+) -> None:
     vertices, faces = mesh
     order = random.sample(range(len(faces)), len(faces))
     turned = np.array([random.sample(list(faces[i]), 3) for i in order])
@@ -87,7 +91,8 @@ def test_the_mesh_gives_the_frame_of_its_cloud() -> None:
 
 
 def test_every_repair_is_counted() -> None:
-    """A clean box, and then: a copied vertex with a double face through it, two stray vertices (one NaN), and bad faces."""
+    """A clean box, and then: a copied vertex with a double face through it, two stray vertices (one NaN), and bad
+    faces."""
     v, f = BOX.vertices.tolist(), BOX.faces.tolist()
     clean = of_mesh(v, f)
     assert set(clean.repairs.values()) == {0}
@@ -152,7 +157,10 @@ def test_gaps_are_filled_by_the_nearest_in_order() -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: of_mesh(np.vstack([BOX.vertices, [[np.nan] * 3]]), BOX.faces), r"expected finite vertices, got 1 of 9 NaN or infinite"),
+        (
+            lambda: of_mesh(np.vstack([BOX.vertices, [[np.nan] * 3]]), BOX.faces),
+            r"expected finite vertices, got 1 of 9 NaN or infinite",
+        ),
         (lambda: of_cloud([[np.nan, 0, 0]] * 3), "got 3 of 3"),
         (lambda: of_mesh([[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 1, 2], [0, 0, 1]]), "all degenerate"),
         (lambda: of_mesh([[0, 0, 0]] * 3, [[0, 0, 0]]), "all degenerate"),
@@ -160,10 +168,16 @@ def test_gaps_are_filled_by_the_nearest_in_order() -> None:
         (lambda: of_cloud([[1, 2, 3]] * 5), "2 distinct points"),
         (lambda: of_cloud([[1, 2, 3]]), "2 distinct points"),
         (lambda: of_cloud([[1e308, 0, 0], [-1e308, 0, 0]]), "finite extent"),
-        (lambda: of_mesh(BOX.vertices, BOX.faces, candidates="cloud"), 'expected a point cloud for candidates = "cloud"'),
+        (
+            lambda: of_mesh(BOX.vertices, BOX.faces, candidates="cloud"),
+            'expected a point cloud for candidates = "cloud"',
+        ),
         (lambda: of_mesh(BOX.vertices, BOX.faces, BOX.vertices * 3 + 5), "expected its cloud on its mesh"),
         (lambda: normalize(Source(shape="chair/one", files={}), NormalizeParams()), "got neither"),
-        (lambda: normalize(Source(shape="chair/one", files={}, mesh="a.ply"), NormalizeParams()), "expected a.ply among its files"),
+        (
+            lambda: normalize(Source(shape="chair/one", files={}, mesh="a.ply"), NormalizeParams()),
+            "expected a.ply among its files",
+        ),
     ],
 )
 def test_errors_name_the_shape_and_say_what_to_do(make: Any, words: str) -> None:
@@ -204,7 +218,8 @@ def test_samples_are_uniform_over_the_area() -> None:
 
 
 def test_farthest_points_spread_as_far_as_the_greedy_rule_promises() -> None:
-    """No two chosen are nearer than any point is to its nearest chosen one (Gonzalez 1985), and no point is chosen twice."""
+    """No two chosen are nearer than any point is to its nearest chosen one (Gonzalez 1985), and no point is chosen
+    twice."""
     points = np.random.default_rng(1).random((3000, 3)).astype(np.float32)
     chosen = farthest_points(points, 200)
     assert len(set(chosen)) == 200
@@ -217,7 +232,11 @@ def test_farthest_points_spread_as_far_as_the_greedy_rule_promises() -> None:
 @pytest.mark.parametrize("count", [1, 2, 3, 50])
 def test_few_points_to_choose_from(count: int) -> None:
     points = np.random.default_rng(0).random((count, 3))
-    assert farthest_points(points, 3).tolist() == list(range(count)) if count <= 3 else len(set(farthest_points(points, 3))) == 3
+    assert (
+        farthest_points(points, 3).tolist() == list(range(count))
+        if count <= 3
+        else len(set(farthest_points(points, 3))) == 3
+    )
 
 
 def test_a_cloud_is_taken_whole_and_in_order_unless_it_is_large() -> None:
@@ -276,13 +295,18 @@ def test_real_meshes(kind: int) -> None:
 @pytest.mark.slow
 def test_all_real_meshes() -> None:
     for path in sorted(shared("capod").rglob("*.obj")):
-        check_real(normalize(Source(shape=path.stem, files={"m.obj": path.read_bytes()}, mesh="m.obj"), NormalizeParams()))
+        check_real(
+            normalize(Source(shape=path.stem, files={"m.obj": path.read_bytes()}, mesh="m.obj"), NormalizeParams())
+        )
 
 
 def test_the_sample_chair_has_double_faces_and_strays() -> None:
     name = "03001627/88382b877be91b2a572f8e1c1caad99e"
     root = shared("keypointnet")
-    files = {"m.ply": (root / f"ShapeNetCore.v2.ply/{name}.ply").read_bytes(), "c.pcd": (root / f"pcds/{name}.pcd").read_bytes()}
+    files = {
+        "m.ply": (root / f"ShapeNetCore.v2.ply/{name}.ply").read_bytes(),
+        "c.pcd": (root / f"pcds/{name}.pcd").read_bytes(),
+    }
     shape = normalize(Source(shape="chair", files=files, mesh="m.ply", cloud="c.pcd"), NormalizeParams())
     assert shape.repairs["unreferenced_vertices"] == 23
     assert shape.repairs["duplicate_faces"] == 1661

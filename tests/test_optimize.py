@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.keypoints import Prediction
-from schemas.shape import Keypoints, NormalizedShape
-from stages.optimize import OptimizeParams, optimize
-from stages.solvers.presence import presence
-from stages.solvers.retrieval import retrieve
-from stages.solvers.scaling import scale_distances, scale_features
-from stages.solvers.shots import Shot, combine_shots, smooth_among
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.optimize import OptimizeParams, optimize
+from b23d.stages.solvers.presence import presence
+from b23d.stages.solvers.retrieval import retrieve
+from b23d.stages.solvers.scaling import scale_distances, scale_features
+from b23d.stages.solvers.shots import Shot, combine_shots, smooth_among
 
 Labelled = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
 
@@ -48,12 +49,16 @@ def features_of(features: np.ndarray, token: np.ndarray | None = None) -> PointF
 
 
 def distances_of(distances: np.ndarray) -> GeodesicDistances:
-    return GeodesicDistances(distances=distances.astype(np.float16), components=np.zeros(len(distances), np.int32), method="test")
+    return GeodesicDistances(
+        distances=distances.astype(np.float16), components=np.zeros(len(distances), np.int32), method="test"
+    )
 
 
 def keypoints_of(ids: list[int], indices: list[int], points: np.ndarray) -> Keypoints:
     return Keypoints(
-        ids=np.array(ids, np.int32), positions=points[indices].astype(np.float64).reshape(-1, 3), point_indices=np.array(indices, np.int32)
+        ids=np.array(ids, np.int32),
+        positions=points[indices].astype(np.float64).reshape(-1, 3),
+        point_indices=np.array(indices, np.int32),
     )
 
 
@@ -101,7 +106,10 @@ def test_costs_sum_to_the_objective() -> None:
 
 def test_discrete_is_best_by_the_common_objective() -> None:
     target, shots = labelled(1, [], []), [labelled(0, IDS, AT), labelled(2, IDS, AT)]
-    reached = {m: solve(target, shots, method=m, alpha=1, steps=200).objective for m in ("discrete", "softmax", "nearest", "hungarian")}
+    reached = {
+        m: solve(target, shots, method=m, alpha=1, steps=200).objective
+        for m in ("discrete", "softmax", "nearest", "hungarian")
+    }
     assert reached["discrete"] == min(reached.values())
     with_softmax = solve(target, shots, alpha=1, steps=200, starts=1, softmax_start=True).objective
     assert with_softmax <= reached["softmax"]
@@ -109,7 +117,10 @@ def test_discrete_is_best_by_the_common_objective() -> None:
 
 def test_the_discrete_search_is_the_params() -> None:
     """Restarts, the bound on sweeps and one candidate a keypoint."""
-    target, shots = labelled(1, [], []), [labelled(0, list(range(8)), [3, 3, 3, 50, 50, 120, 120, 180]), labelled(2, [0, 1], AT[:2])]
+    target, shots = (
+        labelled(1, [], []),
+        [labelled(0, list(range(8)), [3, 3, 3, 50, 50, 120, 120, 180]), labelled(2, [0, 1], AT[:2])],
+    )
     few, many = (solve(target, shots, alpha=2, starts=starts).objective for starts in (1, 64))
     cut = solve(target, shots, alpha=2, starts=1, sweeps=1).objective
     assert many <= few <= cut
@@ -122,7 +133,12 @@ def test_order_of_candidates_does_not_matter() -> None:
     points, features, distances = sphere(1)
     order = np.random.default_rng(0).permutation(len(points))
     plain = (shape_of(points), features_of(features), distances_of(distances), keypoints_of([], [], points))
-    shuffled = (shape_of(points[order]), features_of(features[order]), distances_of(distances[np.ix_(order, order)]), plain[3])
+    shuffled = (
+        shape_of(points[order]),
+        features_of(features[order]),
+        distances_of(distances[np.ix_(order, order)]),
+        plain[3],
+    )
     assert np.array_equal(solve(plain, shots).positions, solve(shuffled, shots).positions)
 
 
@@ -142,7 +158,9 @@ def test_scales_of_shape_and_features_do_not_matter() -> None:
     assert np.array_equal(solve(plain, shots).points, solve(other, shots).points)
     assert solve(plain, shots).objective == pytest.approx(solve(other, shots).objective, rel=1e-3)
     assert solve(other, shots, features="raw").objective > 10 * solve(plain, shots, features="raw").objective
-    assert solve(plain, shots, distances="unit-frame").objective != solve(other, shots, distances="unit-frame").objective
+    assert (
+        solve(plain, shots, distances="unit-frame").objective != solve(other, shots, distances="unit-frame").objective
+    )
 
 
 # what the shots ask for (the table of differences: `test_rows_choice.py`)
@@ -157,7 +175,9 @@ def line(*places: float) -> np.ndarray:
 
 
 def test_averages_are_per_id_and_per_pair() -> None:
-    template = combine_shots([shot("a", [7, 1], [2, 4], line(0, 0.5)), shot("b", [1, 3, 7], [6, 8, 4], line(0, 0.1, 0.3))])
+    template = combine_shots(
+        [shot("a", [7, 1], [2, 4], line(0, 0.5)), shot("b", [1, 3, 7], [6, 8, 4], line(0, 0.1, 0.3))]
+    )
     assert template.ids.tolist() == [1, 3, 7]
     assert template.counts.tolist() == [2, 1, 2]
     assert template.features[:, 0].tolist() == [5, 8, 3]
@@ -224,7 +244,9 @@ def test_retrieval_takes_the_shot_with_the_nearest_class_token() -> None:
 
 def test_retrieval_without_class_tokens_compares_mean_features() -> None:
     means = [[1.0, 0], [0, 1.0], [1, 1.0]]
-    assert retrieve(features_of(np.tile([2.0, 1.9], (4, 1))), [features_of(np.tile(mean, (3, 1))) for mean in means]) == 2
+    assert (
+        retrieve(features_of(np.tile([2.0, 1.9], (4, 1))), [features_of(np.tile(mean, (3, 1))) for mean in means]) == 2
+    )
 
 
 def test_presence_by_majority() -> None:
@@ -250,7 +272,10 @@ def test_shots_without_keypoints() -> None:
 
 
 def test_one_shot_without_keypoints_among_others_is_no_error() -> None:
-    assert solve(labelled(1, [], []), [labelled(0, [], []), labelled(2, IDS, AT), labelled(3, IDS, AT)]).ids.tolist() == IDS
+    assert (
+        solve(labelled(1, [], []), [labelled(0, [], []), labelled(2, IDS, AT), labelled(3, IDS, AT)]).ids.tolist()
+        == IDS
+    )
 
 
 def test_features_of_different_encoders() -> None:
@@ -276,7 +301,9 @@ def test_features_that_do_not_fit_the_candidates_or_are_no_numbers() -> None:
 
 def test_keypoint_beyond_the_cloud() -> None:
     points = sphere(0)[0]
-    wrong = Keypoints(ids=np.array([0], np.int32), positions=points[:1].astype(float), point_indices=np.array([4000], np.int32))
+    wrong = Keypoints(
+        ids=np.array([0], np.int32), positions=points[:1].astype(float), point_indices=np.array([4000], np.int32)
+    )
     with pytest.raises(ValueError, match="shot 0: expected a point index below 200, got 4000"):
         solve(labelled(1, [], []), [(*labelled(0, [], [])[:3], wrong)])
 

@@ -1,4 +1,5 @@
-"""The posterior method on made-up shapes: it recovers what it was taught, does not care about order, and knows when frames differ."""
+"""The posterior method on made-up shapes: it recovers what it was taught, does not care about order, and knows when
+frames differ."""
 
 from __future__ import annotations
 
@@ -7,21 +8,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.keypoints import Prediction
-from schemas.shape import Keypoints, NormalizedShape
-from stages.optimize import OptimizeParams, optimize
-from stages.posterior.geometry import Prepared, local_geometry, prepare
-from stages.posterior.learning import deformation_covariance, frame_gate, learn
-from stages.posterior.options import PosteriorParams
-from stages.posterior.turning import aligned, in_frame, turned
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.optimize import OptimizeParams, optimize
+from b23d.stages.solvers.posterior.geometry import Prepared, local_geometry, prepare
+from b23d.stages.solvers.posterior.learning import deformation_covariance, frame_gate, learn
+from b23d.stages.solvers.posterior.options import PosteriorParams
+from b23d.stages.solvers.posterior.turning import aligned, in_frame, turned
 
 PARAMS = PosteriorParams()
 Parts = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
 
 
 def box_cloud(seed: int, turn: float = 0.0, keypoints: int = 8) -> Parts:
-    """A noisy box cloud whose features are smooth functions of place; keypoints at its corners; turned about the up axis."""
+    """A noisy box cloud whose features are smooth functions of place; keypoints at its corners; turned about the up
+    axis."""
     rng = np.random.default_rng(seed)
     sides = np.array([1.0, 0.6, 0.35]) * rng.uniform(0.9, 1.1, 3)
     points = rng.uniform(-0.5, 0.5, (400, 3))
@@ -36,11 +39,22 @@ def box_cloud(seed: int, turn: float = 0.0, keypoints: int = 8) -> Parts:
     distances = np.linalg.norm(points[:, None] - points[None], axis=2).astype(np.float16)
     ids = np.arange(keypoints, dtype=np.int32)
     shape = NormalizedShape(
-        kind="cloud", vertices=points, faces=np.zeros((0, 3), np.int32), points=points, point_faces=np.full(400, -1, np.int32),
-        point_barycentrics=np.zeros((400, 3), np.float32), candidates="cloud", center=(0, 0, 0), scale=1.0, repairs={},
+        kind="cloud",
+        vertices=points,
+        faces=np.zeros((0, 3), np.int32),
+        points=points,
+        point_faces=np.full(400, -1, np.int32),
+        point_barycentrics=np.zeros((400, 3), np.float32),
+        candidates="cloud",
+        center=(0, 0, 0),
+        scale=1.0,
+        repairs={},
     )
     described = PointFeatures(
-        features=features.astype(np.float16), counts=np.ones(400, np.int32), observed=np.ones(400, bool), descriptor="made up"
+        features=features.astype(np.float16),
+        counts=np.ones(400, np.int32),
+        observed=np.ones(400, bool),
+        descriptor="made up",
     )
     geodesic = GeodesicDistances(distances=distances, components=np.zeros(400, np.int32), method="euclidean")
     return shape, described, geodesic, Keypoints(ids=ids, positions=points[ids].astype(np.float64), point_indices=ids)
@@ -48,7 +62,7 @@ def box_cloud(seed: int, turn: float = 0.0, keypoints: int = 8) -> Parts:
 
 def run(target: Parts, shots: list[Parts], **params: object) -> Prediction:
     parts = [list(column) for column in zip(*shots, strict=True)]
-    return optimize(target[0], target[1], target[2], *parts, params=OptimizeParams(**{"method": "posterior", **params}))   # type: ignore[arg-type]
+    return optimize(target[0], target[1], target[2], *parts, params=OptimizeParams(**{"method": "posterior", **params}))  # type: ignore[arg-type]
 
 
 def test_it_recovers_keypoints_of_a_class() -> None:
@@ -93,7 +107,14 @@ def test_shapes_turned_each_their_own_way_are_turned_onto_each_other(turn: float
 def prepared(seed: int, turn: float = 0.0) -> Prepared:
     shape, described, geodesic, keypoints = box_cloud(seed, turn)
     distances = geodesic.distances.astype(np.float32)
-    return prepare(shape.points, described.features.astype(np.float32), distances, PARAMS.radii, keypoints.ids, keypoints.point_indices)
+    return prepare(
+        shape.points,
+        described.features.astype(np.float32),
+        distances,
+        PARAMS.radii,
+        keypoints.ids,
+        keypoints.point_indices,
+    )
 
 
 def test_shots_that_stand_alike_are_left_alone() -> None:
@@ -148,7 +169,9 @@ def test_the_gate_tells_aligned_shapes_from_turned_ones() -> None:
 def test_local_geometry_does_not_change_under_turns_about_up() -> None:
     points = box_cloud(3)[0].points
     turned = box_cloud(3, turn=1.234)[0].points
-    np.testing.assert_allclose(local_geometry(points, PARAMS.radii)[1], local_geometry(turned, PARAMS.radii)[1], atol=1e-2)
+    np.testing.assert_allclose(
+        local_geometry(points, PARAMS.radii)[1], local_geometry(turned, PARAMS.radii)[1], atol=1e-2
+    )
 
 
 def test_the_prior_is_a_covariance() -> None:

@@ -1,4 +1,5 @@
-"""Procedural shapes: keypoints on the surface and in sight, exact symmetry, closed parts, real variation, the same bytes everywhere."""
+"""Procedural shapes: keypoints on the surface and in sight, exact symmetry, closed parts, real variation, the same
+bytes everywhere."""
 
 from __future__ import annotations
 
@@ -13,9 +14,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.dataset import DATASETS
-from stages.datasets.procedural import VERSION, Procedural, generated, load_keypoints, load_parts, load_source
-from stages.datasets.procedural.assembling import Model
+from b23d.pipeline.dataset import DATASETS
+from b23d.stages.datasets.procedural import VERSION, Procedural, generated, load_keypoints, load_parts, load_source
+from b23d.stages.datasets.procedural.assembling import Model
 
 CLASSES = ("chair", "table", "airplane", "mug")
 EACH = 24
@@ -36,7 +37,7 @@ def mesh(model: Model) -> trimesh.Trimesh:
 
 
 def names(category: str) -> tuple[str, ...]:
-    keypoints: tuple[str, ...] = import_module(f"stages.datasets.procedural.{category}s").KEYPOINTS
+    keypoints: tuple[str, ...] = import_module(f"b23d.stages.datasets.procedural.{category}s").KEYPOINTS
     return keypoints
 
 
@@ -45,7 +46,10 @@ def test_keypoints_lie_on_the_surface(category: str) -> None:
     for model in models(category):
         surface = mesh(model)
         distances = trimesh.proximity.closest_point_naive(surface, model.keypoints)[1]
-        assert distances.max() < 1e-6 * np.linalg.norm(surface.extents), (model.style, model.keypoint_ids[distances.argmax()])
+        assert distances.max() < 1e-6 * np.linalg.norm(surface.extents), (
+            model.style,
+            model.keypoint_ids[distances.argmax()],
+        )
 
 
 @pytest.mark.parametrize("category", CLASSES)
@@ -57,14 +61,18 @@ def test_keypoints_can_be_seen_from_somewhere(category: str) -> None:
     for model in models(category):
         starts = model.keypoints[:, None] + 2e-4 * around
         directions = np.broadcast_to(around, starts.shape)
-        hidden = mesh(model).ray.intersects_any(starts.reshape(-1, 3), directions.reshape(-1, 3)).reshape(starts.shape[:2])
+        hidden = (
+            mesh(model).ray.intersects_any(starts.reshape(-1, 3), directions.reshape(-1, 3)).reshape(starts.shape[:2])
+        )
         assert not hidden.all(1).any(), (model.style, model.keypoint_ids[hidden.all(1)])
 
 
 @pytest.mark.parametrize("category", CLASSES)
 def test_shape_and_keypoints_are_their_own_mirror_image(category: str) -> None:
     for model in models(category):
-        assert {tuple(v) for v in model.vertices} == {tuple(v + np.float32(0)) for v in model.vertices * FLIP.astype(np.float32)}
+        assert {tuple(v) for v in model.vertices} == {
+            tuple(v + np.float32(0)) for v in model.vertices * FLIP.astype(np.float32)
+        }
         places = dict(zip(model.keypoint_ids.tolist(), model.keypoints, strict=True))
         for left, right in model.reflections:
             np.testing.assert_array_equal(places[left] * FLIP, places[right])
@@ -127,7 +135,9 @@ def test_ids_mean_the_same_on_every_shape(category: str) -> None:
             if category != "airplane" and ("front" in name or "back" in name):
                 assert (place[2] < 0) == ("front" in name), name
         if category == "airplane":
-            assert places["nose"][2] < places["cockpit_top"][2] < places["left_wing_root_back"][2] < places["tail_end"][2]
+            assert (
+                places["nose"][2] < places["cockpit_top"][2] < places["left_wing_root_back"][2] < places["tail_end"][2]
+            )
             assert places["nose"][2] < places["left_wing_root_front"][2] < places["left_wing_root_back"][2]
         if category == "chair":
             assert places["left_back_top"][1] > places["left_seat_back"][1] > 0
@@ -179,9 +189,11 @@ def test_leaves_agree_with_each_other() -> None:
 def test_the_bytes_are_the_same_in_another_process() -> None:
     expression = f"hashlib.sha256(b''.join(generated(c, 0, i).ply() for c in {CLASSES} for i in (1, 2))).hexdigest()"
     here = hashlib.sha256(b"".join(generated(c, 0, i).ply() for c in CLASSES for i in (1, 2))).hexdigest()
-    code = f"import hashlib; from stages.datasets.procedural import generated; print({expression})"
+    code = f"import hashlib; from b23d.stages.datasets.procedural import generated; print({expression})"
     for hash_seed in ("0", "1"):
-        there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": hash_seed})
+        there = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": hash_seed}
+        )
         assert there.stdout.strip() == here
 
 
@@ -195,9 +207,12 @@ GOLDEN = {
 
 @pytest.mark.parametrize("category", CLASSES)
 def test_shapes_change_only_with_their_version(category: str) -> None:
-    """Vertices, faces, keypoints and the mean |coordinate| of the first four shapes; where they change, raise VERSION."""
+    """Vertices, faces, keypoints and the mean |coordinate| of the first four shapes; where they change, raise
+    VERSION."""
     first = models(category)[:4]
-    counts = [sum(map(len, arrays)) for arrays in zip(*((m.vertices, m.faces, m.keypoint_ids) for m in first), strict=True)]
+    counts = [
+        sum(map(len, arrays)) for arrays in zip(*((m.vertices, m.faces, m.keypoint_ids) for m in first), strict=True)
+    ]
     mean = float(np.mean([np.abs(m.vertices).mean() + np.abs(m.keypoints).mean() for m in first]))
     assert (VERSION, *counts) == GOLDEN[category][:4]
     assert mean == pytest.approx(GOLDEN[category][4], abs=1e-6)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.scoring.quoted import B2_3D, CURVES, HUNGARIAN, PART_CLASSES, PARTS, STATEMENTS, THRESHOLDS, statements_of
+from b23d.stages.scoring.quoted import (
+    B2_3D,
+    CURVES,
+    HUNGARIAN,
+    PART_CLASSES,
+    PARTS,
+    STATEMENTS,
+    THRESHOLDS,
+    statements_of,
+)
 
 
 def test_curves_rise_and_are_marked_as_quoted() -> None:

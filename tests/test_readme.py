@@ -14,20 +14,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.stage import STAGES
-from stages.datasets.procedural import Procedural
+from b23d.pipeline.stage import STAGES
+from b23d.stages.datasets.procedural import Procedural
 from tests.small_runs import FAST
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-B23D = [sys.executable, "-m", "pipeline.cli"]
+B23D = [sys.executable, "-m", "b23d.pipeline.cli"]
 
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, re.S)
 
 
-COMMANDS = [line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines() if line.startswith("b23d")]
+COMMANDS = [
+    line.split("#")[0].strip() for block in blocks("sh") for line in block.splitlines() if line.startswith("b23d")
+]
 
 
 def make_keypointnet(root: Path) -> None:
@@ -35,7 +37,7 @@ def make_keypointnet(root: Path) -> None:
     for number, (theirs, ours) in enumerate([("airplane", "airplane"), ("chair", "chair"), ("table", "table")]):
         entries = []
         (root / "pcds" / f"{number:08d}").mkdir(parents=True)
-        for shape in Procedural(kind="procedural", classes=[ours], count=4).shapes():   # type: ignore[list-item]
+        for shape in Procedural(kind="procedural", classes=[ours], count=4).shapes():  # type: ignore[list-item]
             leaf, source = shape.leaves["keypoints"], shape.leaves["source"]
             keypoints = leaf.load({}, leaf.values)
             mesh = trimesh_of(source.load({}, source.values))
@@ -56,7 +58,7 @@ def make_keypointnet(root: Path) -> None:
 def trimesh_of(source: object) -> object:
     import trimesh
 
-    return trimesh.load(trimesh.util.wrap_as_stream(source.files["mesh.ply"]), file_type="ply", process=False)   # type: ignore[attr-defined]
+    return trimesh.load(trimesh.util.wrap_as_stream(source.files["mesh.ply"]), file_type="ply", process=False)  # type: ignore[attr-defined]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +66,9 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder as the README's reader has it: run files (made small), their own shapes, KeypointNet."""
     folder = tmp_path_factory.mktemp("readme")
     kept = (".toml", "variants", "analyses", "textured-keypoints.json")
-    shutil.copytree(ROOT / "runs", folder / "runs", ignore=lambda d, names: [name for name in names if not name.endswith(kept)])
+    shutil.copytree(
+        ROOT / "runs", folder / "runs", ignore=lambda d, names: [name for name in names if not name.endswith(kept)]
+    )
     make_keypointnet(folder / "path" / "to" / "keypointnet")
     shutil.copytree(folder / "path" / "to" / "keypointnet", folder / "data" / "keypointnet")
     shapes = folder / "my-shapes" / "chairs"
@@ -75,12 +79,22 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         source, leaf = shape.leaves["source"], shape.leaves["keypoints"]
         (shapes / f"{name}.ply").write_bytes(source.load({}, source.values).files["mesh.ply"])
         keypoints = leaf.load({}, leaf.values)
-        marks = [{"xyz": p.tolist(), "semantic_id": int(i)} for i, p in zip(keypoints.ids, keypoints.positions, strict=True)]
+        marks = [
+            {"xyz": p.tolist(), "semantic_id": int(i)} for i, p in zip(keypoints.ids, keypoints.positions, strict=True)
+        ]
         entries.append({"model_id": name, "keypoints": marks})
     (folder / "my-shapes" / "keypoints.json").write_text(json.dumps(entries[:3]))
-    mine = next(block for block in blocks("toml") if "runs/mine.toml" in block).replace('"dinov2-small"', '"efficientnet-lite0"')
+    mine = next(block for block in blocks("toml") if "runs/mine.toml" in block).replace(
+        '"dinov2-small"', '"efficientnet-lite0"'
+    )
     (folder / "runs" / "mine.toml").write_text(mine)
-    for name in ("demo", "keypointnet", "mine", "paper-table", "analyses/isometric"):   # made small: few views, few candidates
+    for name in (
+        "demo",
+        "keypointnet",
+        "mine",
+        "paper-table",
+        "analyses/isometric",
+    ):  # made small: few views, few candidates
         path = folder / "runs" / f"{name}.toml"
         text = re.sub(r"^\[stages\.(normalize|render|extract|optimize)\][^\[]*", "", path.read_text(), flags=re.M)
         text = re.sub(r"draws = \[[0-9, ]*\]", "draws = [0]", re.sub(r"count = 8\b", "count = 4", text))
@@ -90,12 +104,16 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 def run(workplace: Path, command: str, scheduler: str) -> subprocess.CompletedProcess[str]:
     """A README command, with what only exists elsewhere replaced: a cluster, a bucket, 32 cores."""
-    words = command.replace("tcp://head-node:8786", scheduler).replace("s3://bucket/b23d", (workplace / "bucket").as_uri())
+    words = command.replace("tcp://head-node:8786", scheduler).replace(
+        "s3://bucket/b23d", (workplace / "bucket").as_uri()
+    )
     words = words.replace("--workers 32", "--workers 2")
     import shlex
 
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([*B23D, *shlex.split(words)[1:]], cwd=workplace, capture_output=True, text=True, env=environment)
+    return subprocess.run(
+        [*B23D, *shlex.split(words)[1:]], cwd=workplace, capture_output=True, text=True, env=environment
+    )
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +128,9 @@ def test_every_command_runs(workplace: Path, cluster: str) -> None:
     assert len(COMMANDS) >= 14
     for command in COMMANDS:
         if command == "b23d plan runs/demo.toml":
-            assert run(workplace, "b23d run runs/demo.toml --workers 2", cluster).returncode == 0   # make demo has run before
+            assert (
+                run(workplace, "b23d run runs/demo.toml --workers 2", cluster).returncode == 0
+            )  # make demo has run before
         done = run(workplace, command, cluster)
         assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     assert (workplace / "runs" / "demo" / "report.html").stat().st_size > 10_000
@@ -118,7 +138,7 @@ def test_every_command_runs(workplace: Path, cluster: str) -> None:
 
 
 def test_the_python_example_runs(workplace: Path, cluster: str) -> None:
-    code = next(block for block in blocks("python") if "stages.api" in block)
+    code = next(block for block in blocks("python") if "import b23d" in block)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ready = "b23d run runs/mine.toml --workers 2"
     assert run(workplace, ready, cluster).returncode == 0

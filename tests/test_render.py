@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from schemas.shape import NormalizedShape
-from schemas.views import Views
-from stages.geometry.cameras import project, unproject
-from stages.render import RenderParams, render
-from stages.renderers import RendererName, renderer
+from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.views import Views
+from b23d.stages.geometry.cameras import project, unproject
+from b23d.stages.render import RenderParams, render
+from b23d.stages.renderers import RendererName, renderer
 
 FEW = {"rings": 1}  # six views: top, four sides, bottom
 RENDERERS = [pytest.param("embree"), pytest.param("pyrender")]
@@ -22,19 +22,21 @@ def shape(vertices: np.ndarray, faces: np.ndarray | None = None, **more: object)
     """A mesh, or a cloud where there are no faces; candidates are its first vertices."""
     vertices = np.asarray(vertices, np.float32)
     points = vertices[:50]
-    return NormalizedShape.model_validate({
-        "kind": "cloud" if faces is None else "mesh",
-        "vertices": vertices,
-        "faces": np.zeros((0, 3), np.int32) if faces is None else np.asarray(faces, np.int32),
-        "points": points,
-        "point_faces": np.full(len(points), -1, np.int32),
-        "point_barycentrics": np.zeros((len(points), 3), np.float32),
-        "candidates": "cloud",
-        "center": (0.0, 0.0, 0.0),
-        "scale": 1.0,
-        "repairs": {},
-        **more,
-    })
+    return NormalizedShape.model_validate(
+        {
+            "kind": "cloud" if faces is None else "mesh",
+            "vertices": vertices,
+            "faces": np.zeros((0, 3), np.int32) if faces is None else np.asarray(faces, np.int32),
+            "points": points,
+            "point_faces": np.full(len(points), -1, np.int32),
+            "point_barycentrics": np.zeros((len(points), 3), np.float32),
+            "candidates": "cloud",
+            "center": (0.0, 0.0, 0.0),
+            "scale": 1.0,
+            "repairs": {},
+            **more,
+        }
+    )
 
 
 @cache
@@ -70,7 +72,9 @@ def test_a_sphere_is_a_disc(name: RendererName) -> None:
     seen = views.face_ids >= 0
     radius = focal * 0.5 / np.sqrt(distance**2 - 0.5**2)  # of its outline, in pixels
     np.testing.assert_allclose(seen.sum(axis=(1, 2)), np.pi * radius**2, rtol=0.01)
-    np.testing.assert_allclose(views.depth.max(axis=(1, 2), where=seen, initial=0), distance - 0.5**2 / distance, rtol=0.02)
+    np.testing.assert_allclose(
+        views.depth.max(axis=(1, 2), where=seen, initial=0), distance - 0.5**2 / distance, rtol=0.02
+    )
     np.testing.assert_allclose(views.depth[:, 112, 112], distance - 0.5, atol=1e-3)
     assert (views.depth[~seen] == 0).all()
     assert (views.images[~seen] == 255).all()
@@ -86,10 +90,17 @@ def test_every_pixel_lies_on_the_face_it_names(name: RendererName, seed: int) ->
     views = render(triangles, RenderParams(renderer=name, resolution=64, **FEW))
     view, row, column = np.nonzero(views.face_ids >= 0)
     seen = np.stack([column + 0.5, row + 0.5], axis=1)
-    points = np.stack([
-        unproject(seen[None, [i]], views.depth[None, view[[i]], row[i], column[i]], views.world_to_camera[[v]], views.intrinsics)[0, 0]
-        for i, v in enumerate(view[:500])
-    ])
+    points = np.stack(
+        [
+            unproject(
+                seen[None, [i]],
+                views.depth[None, view[[i]], row[i], column[i]],
+                views.world_to_camera[[v]],
+                views.intrinsics,
+            )[0, 0]
+            for i, v in enumerate(view[:500])
+        ]
+    )
     corners = triangles.vertices[triangles.faces[views.face_ids[view, row, column][:500]]].astype(float)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -144,7 +155,9 @@ def test_orientation_does_not_matter() -> None:
     inside_out = shape(mesh.vertices, mesh.faces[:, ::-1])
     mixed = shape(mesh.vertices, np.where(np.arange(len(mesh.faces))[:, None] % 2, mesh.faces, mesh.faces[:, ::-1]))
     for shading, other in (("flat", inside_out), ("flat", mixed), ("smooth", inside_out)):
-        a, b = (render(m, RenderParams(shading=shading, resolution=64, **FEW)).images.astype(int) for m in (mesh, other))
+        a, b = (
+            render(m, RenderParams(shading=shading, resolution=64, **FEW)).images.astype(int) for m in (mesh, other)
+        )
         assert np.abs(a - b).max() <= 1, shading
 
 
@@ -153,7 +166,9 @@ def test_light_falls_off_with_the_cosine() -> None:
     coarse = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
     errors = {}
     for shading in ("flat", "smooth"):
-        views = render(shape(coarse.vertices, coarse.faces), RenderParams(shading=shading, ambient=0.2, albedo=0.5, **FEW))
+        views = render(
+            shape(coarse.vertices, coarse.faces), RenderParams(shading=shading, ambient=0.2, albedo=0.5, **FEW)
+        )
         row, column = np.nonzero(views.face_ids[1] >= 0)
         pixels = np.stack([column + 0.5, row + 0.5], axis=1)[None]
         points = unproject(pixels, views.depth[1][None, row, column], views.world_to_camera[[1]], views.intrinsics)[0]
@@ -190,7 +205,9 @@ def quad() -> tuple[np.ndarray, np.ndarray]:
 def test_textures_and_colours_appear_where_they_belong(name: RendererName) -> None:
     needs(name)
     vertices, faces = quad()
-    colors = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]], np.uint8)  # from the lower left, counter-clockwise
+    colors = np.array(
+        [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]], np.uint8
+    )  # from the lower left, counter-clockwise
     texture = np.kron(colors[[3, 2, 0, 1]].reshape(2, 2, 3), np.ones((64, 64, 1), np.uint8))  # row 0 is on top
     uvs = (vertices[faces][..., :2] + 0.5).astype(np.float32)
     textured = shape(vertices, faces, face_uvs=uvs, texture=texture)

@@ -14,24 +14,24 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from pipeline.cli import app, plug_in
-from pipeline.run import Run
-from schemas.shape import NormalizedShape
-from stages.commands.scores import run_scores
-from stages.report.choosing import best_and_worst, detailed, file_keys
-from stages.report.details import details
-from stages.report.distances import curve_order, decode, encode, quantise
-from stages.report.figures import plot_shape, score_curves
-from stages.report.gathering import Gathering
-from stages.report.packing import pack
-from stages.report.page import as_json, duration
-from stages.report.painting import marks, picture
-from stages.report.principal import fit_basis
-from stages.report.rows import keypoint_errors, row
-from stages.report.summary import settings
-from stages.report.surface import EDGE, surface_of
-from stages.report.writing import write_report
-from stages.scoring.quoted import B2_3D
+from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.run import Run
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.scoring.quoted import B2_3D
+from b23d.stages.workbench.pictures.figures import plot_shape, score_curves
+from b23d.stages.workbench.pictures.packing import pack
+from b23d.stages.workbench.pictures.painting import marks, picture
+from b23d.stages.workbench.pictures.principal import fit_basis
+from b23d.stages.workbench.pictures.surface import EDGE, surface_of
+from b23d.stages.workbench.report.choosing import best_and_worst, detailed, file_keys
+from b23d.stages.workbench.report.details import details
+from b23d.stages.workbench.report.distances import curve_order, decode, encode, quantise
+from b23d.stages.workbench.report.page import as_json, duration
+from b23d.stages.workbench.report.writing import write_report
+from b23d.stages.workbench.results.gathering import Gathering
+from b23d.stages.workbench.results.rows import keypoint_errors, row
+from b23d.stages.workbench.results.scores import run_scores
+from b23d.stages.workbench.results.summary import settings
 from tests.report_runs import mixed
 
 plug_in()
@@ -46,15 +46,25 @@ def mesh_shape(mesh: trimesh.Trimesh) -> NormalizedShape:
     vertices, faces = np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.int32)
     count = min(len(vertices), 200)
     return NormalizedShape(
-        kind="mesh", vertices=vertices, faces=faces, points=vertices[:count], point_faces=np.zeros(count, np.int32),
-        point_barycentrics=np.zeros((count, 3), np.float32), candidates="fps", center=(0, 0, 0), scale=1, repairs={},
+        kind="mesh",
+        vertices=vertices,
+        faces=faces,
+        points=vertices[:count],
+        point_faces=np.zeros(count, np.int32),
+        point_barycentrics=np.zeros((count, 3), np.float32),
+        candidates="fps",
+        center=(0, 0, 0),
+        scale=1,
+        repairs={},
     )
 
 
 def test_packed_arrays_unpack_to_the_same_bytes() -> None:
     for array in (np.arange(12, dtype=np.float16).reshape(3, 4), np.array([True, False]), np.zeros((0, 3), np.int32)):
         packed = pack(array)
-        back = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), packed["dtype"]).reshape(packed["shape"])
+        back = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), packed["dtype"]).reshape(
+            packed["shape"]
+        )
         np.testing.assert_array_equal(back, array)
     with pytest.raises(TypeError, match="got float64"):
         pack(np.zeros(3))
@@ -196,7 +206,9 @@ def test_a_shape_plots_in_one_line(run: Run) -> None:
     gathered = Gathering(run)
     name = next(s.name for s in run.shapes if s.category == "box" and gathered.entry(s).attempts)
     figure = plot_shape(run, name)
-    assert {"shape", "annotated"} <= {trace.name for trace in figure.data} and any("predicted" in (t.name or "") for t in figure.data)
+    assert {"shape", "annotated"} <= {trace.name for trace in figure.data} and any(
+        "predicted" in (t.name or "") for t in figure.data
+    )
     assert figure.to_json()
     with pytest.raises(KeyError, match="did you mean 'box/b0'"):
         plot_shape(run, "b0")
@@ -204,15 +216,21 @@ def test_a_shape_plots_in_one_line(run: Run) -> None:
 
 def test_the_command_writes_a_page_and_says_where(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "page.html"
-    result = CliRunner().invoke(app, ["report", str(run.config.path), "--set", "stages.optimize.alpha=0.5", "--out", str(out), "--beside"])
+    result = CliRunner().invoke(
+        app, ["report", str(run.config.path), "--set", "stages.optimize.alpha=0.5", "--out", str(out), "--beside"]
+    )
     assert result.exit_code == 0, result.output
     assert "3D views of 8 of 9 shapes" in result.output and "page-details" in result.output
     text = out.read_text()
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:)?//", text), "nothing from the network"
     assert "box/broken" in text and "lonely (draw 0)" in text
     assert len(list((tmp_path / "page-details").glob("*.js"))) == 8
-    again = CliRunner().invoke(app, ["report", str(run.config.path), "--set", "stages.optimize.alpha=0.5", "--out", str(out), "--inline"])
-    assert again.exit_code == 0 and sorted(path.name for path in tmp_path.iterdir()) == ["page.html"], "no stale details beside it"
+    again = CliRunner().invoke(
+        app, ["report", str(run.config.path), "--set", "stages.optimize.alpha=0.5", "--out", str(out), "--inline"]
+    )
+    assert again.exit_code == 0 and sorted(path.name for path in tmp_path.iterdir()) == ["page.html"], (
+        "no stale details beside it"
+    )
 
 
 def test_a_damaged_artifact_costs_its_own_shape_only(run: Run, tmp_path: Path) -> None:
@@ -226,7 +244,7 @@ def test_a_damaged_artifact_costs_its_own_shape_only(run: Run, tmp_path: Path) -
     chunk.write_bytes(bytes(data))
     made = write_report(copy, inline=True)
     assert made.detailed == 7
-    rows = json.loads(re.search(r'id="data">(.*?)</script>', made.page.read_text(), re.S)[1])["rows"]   # type: ignore[index]
+    rows = json.loads(re.search(r'id="data">(.*?)</script>', made.page.read_text(), re.S)[1])["rows"]  # type: ignore[index]
     failed = {line["name"]: line["errors"] for line in rows if line["state"] == "failed"}
     assert set(failed) == {"box/b1", "box/broken"} and "b23d verify" in failed["box/b1"][0]
 

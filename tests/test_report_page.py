@@ -1,4 +1,5 @@
-"""The report in a real browser (Debian's chromium, headless): it opens, sorts, filters, shows shapes in 3D, answers clicks."""
+"""The report in a real browser (Debian's chromium, headless): it opens, sorts, filters, shows shapes in 3D, answers
+clicks."""
 
 from __future__ import annotations
 
@@ -11,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from schemas.features import GeodesicDistances, PointFeatures
-from stages.report.coloring import class_basis
-from stages.report.gathering import Gathering
-from stages.report.writing import write_report
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.stages.workbench.pictures.coloring import class_basis
+from b23d.stages.workbench.report.writing import write_report
+from b23d.stages.workbench.results.gathering import Gathering
 from tests.report_runs import mixed
 
-PAINTED = "document.getElementById('viewer-dialog').dataset.painted"   # mode, and side:point if one is clicked
-PATIENCE = 60_000   # ms: a software renderer on a busy machine
+PAINTED = "document.getElementById('viewer-dialog').dataset.painted"  # mode, and side:point if one is clicked
+PATIENCE = 60_000  # ms: a software renderer on a busy machine
 
 
 @pytest.fixture(scope="module")
@@ -96,11 +97,15 @@ def test_the_table_sorts_and_filters(page: Page) -> None:
     assert values == sorted(values, reverse=True) and len(values) > 3
     assert page.page.locator("#shape-table th[aria-sort=descending]").inner_text().startswith("AUC")
     unscored = set(page.page.evaluate("b23d.data.rows.filter(row => row.auc === null).map(row => row.id)"))
-    assert {"broken", "l0"} <= unscored and set(page.names()[-len(unscored) :]) == unscored, "what has no score comes last"
+    assert {"broken", "l0"} <= unscored and set(page.names()[-len(unscored) :]) == unscored, (
+        "what has no score comes last"
+    )
     page.page.click("#shape-table th button[data-key=auc]")
     assert set(page.names()[-len(unscored) :]) == unscored
     page.page.select_option("#filter-class", "egg")
-    assert sorted(page.names()) == ["e0", "e1", "e2"] and page.page.locator("#shape-count").inner_text() == "3 of 9 shapes"
+    assert (
+        sorted(page.names()) == ["e0", "e1", "e2"] and page.page.locator("#shape-count").inner_text() == "3 of 9 shapes"
+    )
     page.page.select_option("#filter-class", "")
     page.page.fill("#filter-text", "expected")
     assert page.names() == ["broken"], "errors are searched, too"
@@ -114,7 +119,9 @@ def test_a_row_opens_the_view_and_modes_change_the_colours(page: Page) -> None:
         page.mode(mode)
         page.painted(mode)
         seen[mode] = page.colors()
-    assert len({json.dumps(colors) for colors in seen.values()}) == 3 and {len(colors) for colors in seen.values()} == {642}
+    assert len({json.dumps(colors) for colors in seen.values()}) == 3 and {len(colors) for colors in seen.values()} == {
+        642
+    }
     assert page.page.locator("#viewer-keypoints tr").count() == 6
     assert "views that see the point" in page.page.locator("#viewer-legend").inner_text()
     page.page.uncheck("[data-option=truth]")
@@ -197,7 +204,9 @@ def test_missing_details_are_told_and_a_link_opens_a_shape(browser: Any, report:
     alone = Path(shutil.copy(report, tmp_path / "report.html"))
     opened = Page(browser, alone)
     opened.page.evaluate("location.hash = encodeURIComponent('box/b1')")
-    opened.page.wait_for_function("document.getElementById('viewer-message').textContent.includes('not beside this page')")
+    opened.page.wait_for_function(
+        "document.getElementById('viewer-message').textContent.includes('not beside this page')"
+    )
     opened.page.context.close()
 
 

@@ -1,4 +1,5 @@
-"""reweight: Eq. 1's identities, filling, and what of them the released settings keep; how those differ: `test_rows_features.py`."""
+"""reweight: Eq. 1's identities, filling, and what of them the released settings keep; how those differ:
+`test_rows_features.py`."""
 
 from __future__ import annotations
 
@@ -7,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.features import GeodesicDistances, PointFeatures
-from stages.reweight import ReweightParams, reweight
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.stages.reweight import ReweightParams, reweight
 
 RELEASED = {"normalised": False, "weight": "views", "fill": "zeros"}
 
@@ -19,7 +20,9 @@ def line(count: int, spacing: float = 0.05) -> GeodesicDistances:
 
 
 def distances(matrix: np.ndarray) -> GeodesicDistances:
-    return GeodesicDistances(distances=matrix.astype(np.float16), components=np.zeros(len(matrix), np.int32), method="graph")
+    return GeodesicDistances(
+        distances=matrix.astype(np.float16), components=np.zeros(len(matrix), np.int32), method="graph"
+    )
 
 
 def seen(features: np.ndarray, counts: np.ndarray | None = None) -> PointFeatures:
@@ -78,11 +81,15 @@ def test_views_that_are_all_doubled_change_nothing() -> None:
     points, geodesic = random_case(2)
     twice = seen(points.features, points.counts * 2)
     for params in ({"weight": "views"}, RELEASED):
-        np.testing.assert_allclose(run(points, geodesic, sigma=0.2, **params), run(twice, geodesic, sigma=0.2, **params), atol=2e-3)
+        np.testing.assert_allclose(
+            run(points, geodesic, sigma=0.2, **params), run(twice, geodesic, sigma=0.2, **params), atol=2e-3
+        )
 
 
 def test_views_weighting_is_the_mean_over_all_single_views() -> None:
-    result = run(seen(np.array([[0.0], [1.0]]), np.array([3, 1])), distances(np.zeros((2, 2))), sigma=0.1, weight="views")
+    result = run(
+        seen(np.array([[0.0], [1.0]]), np.array([3, 1])), distances(np.zeros((2, 2))), sigma=0.1, weight="views"
+    )
     np.testing.assert_allclose(result, 0.25)
 
 
@@ -101,7 +108,9 @@ def test_permutation_equivariant(params: dict) -> None:
     order = np.random.default_rng(6).permutation(40)
     moved = seen(points.features[order], points.counts[order])
     shuffled = distances(geodesic.distances[np.ix_(order, order)])
-    np.testing.assert_allclose(run(moved, shuffled, sigma=0.1, **params), run(points, geodesic, sigma=0.1, **params)[order], atol=2e-3)
+    np.testing.assert_allclose(
+        run(moved, shuffled, sigma=0.1, **params), run(points, geodesic, sigma=0.1, **params)[order], atol=2e-3
+    )
 
 
 def test_a_part_without_any_seen_point_takes_the_mean() -> None:

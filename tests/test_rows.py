@@ -1,6 +1,8 @@
-"""The table of differences between the paper, its published code and what is right: which fields each row is, and who sets them.
+"""The table of differences between the paper, its published code and what is right: which fields each row is, and who
+sets them.
 
-What a row's fields do is shown in `test_rows_features.py` and `test_rows_choice.py`: one test a row, on a case made to show it.
+What a row's fields do is shown in `test_rows_features.py` and `test_rows_choice.py`: one test a row, on a case made to
+show it.
 """
 
 from __future__ import annotations
@@ -10,9 +12,9 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from pipeline.config import load_config
-from pipeline.stage import load_stages
-from schemas.runfile import Shots
+from b23d.pipeline.config import load_config
+from b23d.pipeline.stage import load_stages
+from b23d.schemas.runfile import Shots
 from tests import test_rows_choice, test_rows_features
 
 RUNS = Path(__file__).parents[1] / "runs"
@@ -24,7 +26,12 @@ ROWS: dict[int, tuple[str, ...]] = {
     5: ("stages.reweight.fill",),
     6: ("stages.reweight.sigma",),
     7: ("stages.optimize.source_features",),
-    8: ("stages.geodesic.method", "stages.geodesic.neighbors", "stages.geodesic.shortcuts", "stages.geodesic.disconnected"),
+    8: (
+        "stages.geodesic.method",
+        "stages.geodesic.neighbors",
+        "stages.geodesic.shortcuts",
+        "stages.geodesic.disconnected",
+    ),
     9: ("stages.score.units", "stages.optimize.distances"),
     10: ("stages.optimize.mask",),
     11: ("stages.optimize.method", "stages.optimize.steps", "stages.optimize.learning_rate", "stages.optimize.seed"),
@@ -49,7 +56,9 @@ def test_every_row_is_documented_fields_and_has_its_test() -> None:
         for dotted in fields:
             table, *between, key = dotted.split(".")
             model: type[BaseModel] = Shots if table == "shots" else stages[between[0]].params
-            assert key in model.model_fields and model.model_fields[key].description, f"row {row}: {dotted} is no documented field"
+            assert key in model.model_fields and model.model_fields[key].description, (
+                f"row {row}: {dotted} is no documented field"
+            )
 
 
 @pytest.mark.parametrize("name", ["released", "paper", "corrected"])

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.dataset import Leaf, Shape
-from pipeline.draws import draw_shots
-from schemas.runfile import Shots
-from schemas.shape import Keypoints
-from stages.solvers.shots import combine_shots
+from b23d.pipeline.dataset import Leaf, Shape
+from b23d.pipeline.draws import draw_shots
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.runfile import Shots
+from b23d.stages.solvers.shots import combine_shots
 from tests.test_optimize import AT, IDS, distances_of, features_of, labelled, line, shape_of, shot, solve, sphere
 from tests.test_posterior import Parts, box_cloud
 from tests.test_posterior import run as posterior
@@ -33,7 +33,9 @@ def test_row_01_summed_distances_ask_for_a_larger_shape() -> None:
 
 def test_row_07_keypoints_smoothed_among_themselves_lose_their_own_features() -> None:
     own = labelled(0, [0, 1, 2, 3], AT)
-    cloud, keypoints = (solve(own, [own], source_features=source, source_sigma=0.5) for source in ("cloud", "keypoints"))
+    cloud, keypoints = (
+        solve(own, [own], source_features=source, source_sigma=0.5) for source in ("cloud", "keypoints")
+    )
     assert (cloud.points.tolist(), cloud.objective) == (AT, pytest.approx(0, abs=1e-3))
     assert keypoints.objective > 0.1
 
@@ -47,7 +49,10 @@ def test_row_09_scores_are_in_the_data_sets_units_and_the_loss_in_the_shapes() -
     shots = [labelled(0, IDS, AT)]
     whole, half = ((shape_of(points), features_of(features), distances_of(d), shots[0][3]) for d in (apart, apart / 2))
     assert solve(whole, shots).objective == pytest.approx(solve(half, shots).objective, rel=1e-3)
-    assert solve(whole, shots, distances="unit-frame").objective < 0.9 * solve(half, shots, distances="unit-frame").objective
+    assert (
+        solve(whole, shots, distances="unit-frame").objective
+        < 0.9 * solve(half, shots, distances="unit-frame").objective
+    )
 
 
 def test_row_10_masks_differ_on_coincident_pairs_and_on_the_diagonal() -> None:
@@ -103,7 +108,10 @@ def _shapes() -> list[Shape]:
 
 
 def test_row_15_targets_are_all_but_the_shots_or_the_official_test_split() -> None:
-    rest, official = (draw_shots(_shapes(), Shots(draws=[0], split=split), (), {"keypoints"})[0] for split in ("all-but-shots", "official"))
+    rest, official = (
+        draw_shots(_shapes(), Shots(draws=[0], split=split), (), {"keypoints"})[0]
+        for split in ("all-but-shots", "official")
+    )
     assert len(rest.targets) == 27
     assert {s.official for s in rest.targets} == {"train", "test", "val"}
     assert ({s.official for s in official.shots}, {s.official for s in official.targets}) == ({"train"}, {"test"})
@@ -114,7 +122,9 @@ def test_row_16_shots_are_seeded_draws_or_fixed() -> None:
     drawn = draw_shots(_shapes(), Shots(), (), {"keypoints"})
     assert [d.seed for d in drawn] == [0, 1, 2, 3, 4]
     assert len({tuple(s.id for s in d.shots) for d in drawn}) == 5
-    assert [[s.id for s in d.shots] for d in drawn] == [[s.id for s in d.shots] for d in draw_shots(_shapes(), Shots(), (), {"keypoints"})]
+    assert [[s.id for s in d.shots] for d in drawn] == [
+        [s.id for s in d.shots] for d in draw_shots(_shapes(), Shots(), (), {"keypoints"})
+    ]
     (fixed,) = draw_shots(_shapes(), Shots(ids={"c": ["00", "01", "02"]}), (), {"keypoints"})
     assert [s.id for s in fixed.shots] == ["00", "01", "02"]
 
@@ -127,7 +137,8 @@ def test_row_17_the_published_assignment_loses_its_labels() -> None:
 
 
 def _with_knob(seed: int, knob: bool) -> Parts:
-    """A box; with a knob somewhere on its top, the points there look like nothing else, and one of them is keypoint 8."""
+    """A box; with a knob somewhere on its top, the points there look like nothing else, and one of them is keypoint
+    8."""
     made, described, geodesic, keypoints = box_cloud(seed)
     place = np.array([np.random.default_rng(seed + 50).uniform(-0.3, 0.3), made.points[:, 1].max(), 0])
     away = np.linalg.norm(made.points - place, axis=1)
@@ -135,7 +146,9 @@ def _with_knob(seed: int, knob: bool) -> Parts:
     if knob:
         features[away < 0.08] = np.random.default_rng(5).normal(0, 3, features.shape[1])
         at = np.r_[keypoints.point_indices, away.argmin()].astype(np.int32)
-        keypoints = Keypoints(ids=np.arange(9, dtype=np.int32), positions=made.points[at].astype(float), point_indices=at)
+        keypoints = Keypoints(
+            ids=np.arange(9, dtype=np.int32), positions=made.points[at].astype(float), point_indices=at
+        )
     return made, described.model_copy(update={"features": features}), geodesic, keypoints
 
 

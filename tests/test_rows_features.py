@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from schemas.shape import Keypoints
-from schemas.views import Views
-from stages.backproject import BackprojectParams, backproject
-from stages.extract import ExtractParams, extract
-from stages.geometry.cameras import project
-from stages.render import RenderParams, render
-from stages.score import ScoreParams, score
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.views import Views
+from b23d.stages.backproject import BackprojectParams, backproject
+from b23d.stages.extract import ExtractParams, extract
+from b23d.stages.geometry.cameras import project
+from b23d.stages.render import RenderParams, render
+from b23d.stages.score import ScoreParams, score
 from tests.made_shapes import BOX, of_mesh
 from tests.test_backproject import SQUARE, SQUARE_FACES, TOP, noise, sampled, shape, token_views
 from tests.test_geodesic import plate
@@ -44,7 +44,9 @@ def test_row_02_batches_change_the_result_only_as_released() -> None:
 
 def test_row_02_unnormalised_sums_grow_with_density() -> None:
     at = np.concatenate([np.linspace(0, 0.01, 9), [1.0]])
-    crowd, alone = smooth(seen(np.ones((10, 1))), distances(np.abs(at[:, None] - at)), sigma=0.1, normalised=False)[[0, -1]]
+    crowd, alone = smooth(seen(np.ones((10, 1))), distances(np.abs(at[:, None] - at)), sigma=0.1, normalised=False)[
+        [0, -1]
+    ]
     assert crowd > 5 * alone
 
 
@@ -60,7 +62,9 @@ def test_row_03_views_weighting_depends_on_how_many_views_saw_a_point() -> None:
 def test_row_04_background_sees_the_last_face_and_a_face_is_seen_whole() -> None:
     mesh = sampled(trimesh.creation.icosphere(subdivisions=2, radius=0.5))
     views = render(mesh, RenderParams(rings=2))
-    point, face = (backproject(mesh, views, noise(views), BackprojectParams(visibility=v)).counts for v in ("point", "face"))
+    point, face = (
+        backproject(mesh, views, noise(views), BackprojectParams(visibility=v)).counts for v in ("point", "face")
+    )
     assert (face >= point).all()
     last = mesh.point_faces == len(mesh.faces) - 1
     assert (face[last] == len(views.depth)).all()
@@ -77,13 +81,18 @@ def test_row_05_far_unseen_points_are_filled_where_the_released_weights_underflo
 def test_row_06_sigma_is_a_length_of_the_unit_frame_and_a_thousandth_smooths_nothing() -> None:
     i = np.arange(2048)
     angle, height = i * np.pi * (3 - 5**0.5), 1 - (2 * i + 1) / 2048
-    ball = np.stack([np.cos(angle) * np.sqrt(1 - height**2), height, np.sin(angle) * np.sqrt(1 - height**2)], axis=1) / 2
+    ball = (
+        np.stack([np.cos(angle) * np.sqrt(1 - height**2), height, np.sin(angle) * np.sqrt(1 - height**2)], axis=1) / 2
+    )
     apart = np.arccos(np.clip(4 * ball @ ball.T, -1, 1))
     np.fill_diagonal(apart, np.inf)
     apart *= 0.015 / apart.min(1).mean()  # as candidates of real shapes lie
     np.fill_diagonal(apart, 0)
     points, geodesic = seen(np.random.default_rng(0).normal(size=(2048, 8))), distances(apart)
-    moved = {s: np.abs(smooth(points, geodesic, sigma=s) - points.features).max() for s in (0.001, 0.001 * apart.max(), 0.01, 0.03)}
+    moved = {
+        s: np.abs(smooth(points, geodesic, sigma=s) - points.features).max()
+        for s in (0.001, 0.001 * apart.max(), 0.01, 0.03)
+    }
     assert list(moved.values())[:2] == [0, 0]
     assert 0.1 < moved[0.01] < moved[0.03]
 
@@ -125,8 +134,13 @@ def bare_views(side: int) -> Views:
     """One view that is one colour all over."""
     blank = np.zeros((1, side, side))
     return Views(
-        images=np.full((1, side, side, 3), (10, 120, 240), np.uint8), depth=blank.astype(np.float32), face_ids=blank.astype(np.int32) - 1,
-        world_to_camera=np.eye(4)[None], intrinsics=np.eye(3), renderer="none", distance=2.0,
+        images=np.full((1, side, side, 3), (10, 120, 240), np.uint8),
+        depth=blank.astype(np.float32),
+        face_ids=blank.astype(np.int32) - 1,
+        world_to_camera=np.eye(4)[None],
+        intrinsics=np.eye(3),
+        renderer="none",
+        distance=2.0,
     )
 
 
@@ -148,7 +162,9 @@ def test_row_19_points_of_one_patch_share_its_token_or_have_their_own_mixture() 
     assert len({(int(y // 28), int(x // 28)) for x, y in pixels}) == 1
     tokens = token_views(np.random.default_rng(0).normal(size=(len(views.depth), 8, 8, 3)))
     tokens.tokens[1:] = 0  # the top view alone
-    nearest, bilinear = (backproject(plane, views, tokens, BackprojectParams(sample=s)).features for s in ("nearest", "bilinear"))
+    nearest, bilinear = (
+        backproject(plane, views, tokens, BackprojectParams(sample=s)).features for s in ("nearest", "bilinear")
+    )
     assert (nearest[0] == nearest[1]).all()
     assert np.abs(bilinear[0] - bilinear[1].astype(float)).max() > 0.01
 

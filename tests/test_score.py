@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from schemas.keypoints import Prediction, ShapeScore
-from schemas.scores import ScoreTable
-from schemas.shape import Keypoints, NormalizedShape
-from stages.score import ScoreParams, score
-from stages.scoring.distances import keypoint_distances
-from stages.scoring.iou import count, within
-from stages.scoring.matching import labelled, matched
-from stages.scoring.summary import score_table
-from stages.scoring.table import render
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.scores import ScoreTable, ShapeScore
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.score import ScoreParams, score
+from b23d.stages.scoring.distances import keypoint_distances
+from b23d.stages.scoring.iou import count, within
+from b23d.stages.scoring.matching import labelled, matched
+from b23d.stages.scoring.summary import score_table
+from b23d.stages.scoring.table import render
 
 SCALE = 2.0
 
@@ -59,7 +60,9 @@ def predicted(ids: list[int], points: list[int], present: list[bool] | None = No
     )
 
 
-def scored(prediction: Prediction, truth: Keypoints, shots: list[Keypoints] | None = None, **params: object) -> ShapeScore:
+def scored(
+    prediction: Prediction, truth: Keypoints, shots: list[Keypoints] | None = None, **params: object
+) -> ShapeScore:
     return score(line_shape(), prediction, truth, shots if shots is not None else [truth], ScoreParams(**params))
 
 
@@ -174,7 +177,9 @@ def test_keypoints_off_the_candidates_become_nodes() -> None:
     aside = truth.positions + np.array([0.005, 0, 0])
     off = truth.model_copy(update={"positions": aside, "point_indices": np.full(3, -1, np.int32)})
     shape = line_shape(candidates="fps")
-    assert np.allclose(keypoint_distances(shape, np.array([10, 50]), off), [[0.005, 0.805, 0.805], [0.795, 0.005, 0.005]], atol=1e-6)
+    assert np.allclose(
+        keypoint_distances(shape, np.array([10, 50]), off), [[0.005, 0.805, 0.805], [0.795, 0.005, 0.005]], atol=1e-6
+    )
     on = keypoint_distances(shape, np.array([10, 50]), truth)
     assert (on[[0, 1], [0, 1]] == 0).all()
 
@@ -206,7 +211,13 @@ def test_exchanged_sides_count_as_symmetric() -> None:
 def test_iou_is_summed_over_a_class_then_averaged_over_draws() -> None:
     truth = annotated([0, 1, 2], [0, 40, 80])
     good, poor = scored(predicted([0, 1, 2], [0, 40, 80]), truth), scored(predicted([0], [20]), truth)
-    rows = [("a", 0, "a/1", good), ("a", 0, "a/2", poor), ("a", 1, "a/1", good), ("b", 0, "b/1", poor), ("b", 1, "b/1", good)]
+    rows = [
+        ("a", 0, "a/1", good),
+        ("a", 0, "a/2", poor),
+        ("a", 1, "a/1", good),
+        ("b", 0, "b/1", poor),
+        ("b", 1, "b/1", good),
+    ]
     table = score_table("r", "p", rows)
     a, b = table.classes["a"], table.classes["b"]
     assert a.iou.mean[0] == pytest.approx((3 / 7 + 1) / 2)  # draw 0: TP 3, FP 1, FN 3

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.datasets.shapenetpart import LABELS, ShapeNetPart
-from stages.normalize import NormalizeParams, normalize
+from b23d.stages.datasets.shapenetpart import LABELS, ShapeNetPart
+from b23d.stages.normalize import NormalizeParams, normalize
 from tests.made_datasets import by_name, put, read
 
 SYNSETS = {"Laptop": "03642806", "Mug": "03797390", "Airplane": "02691156"}
@@ -48,7 +48,9 @@ def test_shapes_splits_and_leaves(tmp_path: Path) -> None:
     shape = normalize(source, NormalizeParams())
     assert shape.kind == "cloud"
     assert shape.candidates == "cloud"
-    assert np.allclose(shape.points * shape.scale + np.array(shape.center), parts.points, atol=1e-5), "candidates are the labelled points"
+    assert np.allclose(shape.points * shape.scale + np.array(shape.center), parts.points, atol=1e-5), (
+        "candidates are the labelled points"
+    )
     assert shape.vertex_colors is None
 
 

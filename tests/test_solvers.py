@@ -9,21 +9,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.solvers.discrete import descend, discrete
-from stages.solvers.hungarian import hungarian
-from stages.solvers.nearest import nearest
-from stages.solvers.objective import Problem, objective, residuals, shares
+from b23d.stages.solvers.discrete import descend, discrete
+from b23d.stages.solvers.hungarian import hungarian
+from b23d.stages.solvers.nearest import nearest
+from b23d.stages.solvers.objective import Problem, objective, residuals, shares
 
 
 def random_problem(seed: int, n: int = 40, k: int = 5, alpha: float = 0.5, channels: int = 6) -> Problem:
-    """Features without any relation to the positions, whose distances are wanted of other positions: as hard as it gets."""
+    """Features without any relation to the positions, whose distances are wanted of other positions: as hard as it
+    gets."""
     random = np.random.default_rng(seed)
     features, wanted = random.normal(size=(n, channels)), random.normal(size=(k, channels))
     return _problem(random.normal(size=(n, 3)), features, wanted, random.normal(size=(k, 3)), alpha)
 
 
 def structured_problem(seed: int, n: int = 300, k: int = 8, alpha: float = 0.5) -> Problem:
-    """Points of a box with features that cannot tell left from right, and keypoints that are among the points, moved a little."""
+    """Points of a box with features that cannot tell left from right, and keypoints that are among the points, moved a
+    little."""
     random = np.random.default_rng(seed)
     points = random.uniform(-0.5, 0.5, (n, 3))
     features = np.column_stack([np.abs(points[:, 0]), points[:, 1:]]) + 0.05 * random.normal(size=(n, 3))
@@ -32,7 +34,9 @@ def structured_problem(seed: int, n: int = 300, k: int = 8, alpha: float = 0.5) 
     return _problem(points, features, features[chosen] + 0.05 * random.normal(size=(k, 3)), moved, alpha)
 
 
-def _problem(points: np.ndarray, features: np.ndarray, wanted: np.ndarray, keypoints: np.ndarray, alpha: float) -> Problem:
+def _problem(
+    points: np.ndarray, features: np.ndarray, wanted: np.ndarray, keypoints: np.ndarray, alpha: float
+) -> Problem:
     return Problem(
         features=features.astype(np.float32),
         distances=_between(points).astype(np.float32),
@@ -48,7 +52,8 @@ def _between(points: np.ndarray) -> np.ndarray:
 
 
 def _square() -> Problem:
-    """A square's corners: all features alike (but for a little), so features alone send every keypoint to one corner."""
+    """A square's corners: all features alike (but for a little), so features alone send every keypoint to one
+    corner."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     features = np.array([[0.0], [0.1], [0.1], [0.1]])
     return _problem(corners, features, np.zeros((4, 1)), corners, 1.0)
@@ -61,8 +66,11 @@ def _optimum(problem: Problem, one_to_one: bool = False) -> float:
 
 def test_objective_by_hand() -> None:
     points = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], float)
-    problem = _problem(points, np.array([[0.0, 0], [1, 0], [0, 2]]), np.zeros((2, 2)), np.array([[0, 0, 0], [1, 0, 0]], float), 0.5)
-    # candidates 1 and 2: features off by 1 and 2; they are 5 apart instead of 1, which counts in both halves of the matrix
+    problem = _problem(
+        points, np.array([[0.0, 0], [1, 0], [0, 2]]), np.zeros((2, 2)), np.array([[0, 0, 0], [1, 0, 0]], float), 0.5
+    )
+    # candidates 1 and 2: features off by 1 and 2; they are 5 apart instead of 1, which counts in both halves of the
+    # matrix
     assert objective(problem, np.array([1, 2])) == pytest.approx(np.sqrt(1 + 4) + 0.5 * np.sqrt(2 * 16))
 
 
@@ -136,7 +144,7 @@ def test_discrete_is_never_worse_than_a_given_start() -> None:
 
 @pytest.mark.parametrize("make", [random_problem, structured_problem])
 def test_discrete_is_never_worse_than_softmax_on_a_sample(make: Callable[..., Problem]) -> None:
-    from stages.solvers.softmax import softmax
+    from b23d.stages.solvers.softmax import softmax
 
     for seed in range(2):
         problem = make(seed)
@@ -152,7 +160,7 @@ def test_local_optima_allow_no_better_single_move() -> None:
 
 
 def test_starts_move_together_as_each_alone_and_leave_when_they_have_arrived(monkeypatch: pytest.MonkeyPatch) -> None:
-    from stages.solvers import discrete as module
+    from b23d.stages.solvers import discrete as module
 
     problem = structured_problem(12, n=80, k=5)
     starts = np.random.default_rng(0).integers(80, size=(12, 5))
@@ -208,7 +216,7 @@ def test_hungarian_keeps_labels_and_repeats_nothing() -> None:
 
 
 def test_one_to_one_repeats_nothing_where_free_choice_would() -> None:
-    from stages.solvers.softmax import softmax
+    from b23d.stages.solvers.softmax import softmax
 
     problem = structured_problem(3, alpha=0, k=6)
     problem = replace(problem, target_features=np.repeat(problem.target_features[:1], 6, axis=0))
@@ -225,7 +233,7 @@ def test_too_few_candidates_for_one_to_one() -> None:
 
 
 def test_same_seed_same_choice() -> None:
-    from stages.solvers.softmax import softmax
+    from b23d.stages.solvers.softmax import softmax
 
     problem = random_problem(9, n=80, k=8, alpha=4)
     assert np.array_equal(discrete(problem, seed=3), discrete(problem, seed=3))
@@ -245,7 +253,7 @@ def test_order_of_candidates_does_not_matter() -> None:
 def test_softmax_gradient_is_autograd_s(beta: float) -> None:
     import torch
 
-    from stages.solvers.softmax import SelectionLoss
+    from b23d.stages.solvers.softmax import SelectionLoss
 
     problem = random_problem(10, n=20, k=4)
     logits = torch.randn(5, 20, generator=torch.Generator().manual_seed(0))
@@ -256,7 +264,10 @@ def test_softmax_gradient_is_autograd_s(beta: float) -> None:
     features, distances = torch.from_numpy(problem.features), torch.from_numpy(problem.distances)
     between = torch.from_numpy(problem.target_distances).float()
     expected = (selection.T @ features - torch.from_numpy(problem.target_features)).norm()
-    expected = expected + problem.alpha * ((selection.T @ distances @ selection - between) * torch.from_numpy(problem.mask)).norm()
+    expected = (
+        expected
+        + problem.alpha * ((selection.T @ distances @ selection - between) * torch.from_numpy(problem.mask)).norm()
+    )
     expected = expected - beta * (selection.max(0).values - selection.mean(0)).sum()
     expected.backward()
     assert loss.item() == pytest.approx(expected.item(), rel=1e-5)
@@ -264,7 +275,7 @@ def test_softmax_gradient_is_autograd_s(beta: float) -> None:
 
 
 def test_softmax_finds_an_unambiguous_truth() -> None:
-    from stages.solvers.softmax import softmax
+    from b23d.stages.solvers.softmax import softmax
 
     random = np.random.default_rng(0)
     points, features, truth = random.normal(size=(50, 3)), 3 * random.normal(size=(50, 16)), np.array([7, 30, 2])
@@ -274,7 +285,7 @@ def test_softmax_finds_an_unambiguous_truth() -> None:
 
 @pytest.mark.parametrize("beta", [0.0, 0.5])
 def test_softmax_of_several_problems_together_is_each_alone(beta: float) -> None:
-    from stages.solvers.softmax import softmax, softmax_together
+    from b23d.stages.solvers.softmax import softmax, softmax_together
 
     whole = structured_problem(11, n=60, k=6)
     features, distances, mask = whole.target_features[:3], whole.target_distances[:3, :3], whole.mask[:3, :3]

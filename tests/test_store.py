@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
-from pipeline.store import Store
-from pipeline.zarr_format import decode, encode
+from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from b23d.pipeline.store import Store
+from b23d.pipeline.zarr_format import decode, encode
 from tests.toy import Numbers
 
 ADDRESS = "ab" + "0" * 62
@@ -56,7 +56,7 @@ def test_the_format_is_zarrs(data: st.DataObject, sharded: bool) -> None:
     """zarr reads every array we write, and our reader reads its own bytes back."""
     from zarr.storage import MemoryStore
 
-    from pipeline.zarr_format import array_metadata, chunk_key
+    from b23d.pipeline.zarr_format import array_metadata, chunk_key
 
     shapes = hnp.array_shapes(min_dims=2 if sharded else 0, max_dims=4, min_side=1 if sharded else 0, max_side=5)
     array = data.draw(hnp.arrays(data.draw(DTYPES), data.draw(shapes)))
@@ -66,7 +66,10 @@ def test_the_format_is_zarrs(data: st.DataObject, sharded: bool) -> None:
 
     from zarr.core.buffer import cpu
 
-    files = {"zarr.json": json.dumps(array_metadata(array.shape, array.dtype, sharded)).encode(), chunk_key(array.shape): encoded}
+    files = {
+        "zarr.json": json.dumps(array_metadata(array.shape, array.dtype, sharded)).encode(),
+        chunk_key(array.shape): encoded,
+    }
     memory = MemoryStore({key: cpu.Buffer.from_bytes(value) for key, value in files.items()})
     read = np.asarray(zarr.open_array(memory, mode="r")[...])
     assert read.dtype == array.dtype
@@ -77,12 +80,16 @@ def test_zarr_opens_an_artifact(tmp_path: Path) -> None:
     store = Store(tmp_path)
     store.write("square", ADDRESS, numbers(), {})
     group = zarr.open_group(store.path("square", ADDRESS), mode="r")
-    assert sorted(group.array_keys()) == ["grid", "values"] and group["grid"].shards == (3, 5)   # type: ignore[union-attr]
-    np.testing.assert_array_equal(group["values"][...], numbers().values)   # type: ignore[index]
+    assert sorted(group.array_keys()) == ["grid", "values"] and group["grid"].shards == (3, 5)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(group["values"][...], numbers().values)  # type: ignore[index]
 
 
 def chunk(store: Store, name: str) -> Path:
-    return next(path for path in Path(store.path("square", ADDRESS), name).rglob("*") if path.is_file() and path.name != "zarr.json")
+    return next(
+        path
+        for path in Path(store.path("square", ADDRESS), name).rglob("*")
+        if path.is_file() and path.name != "zarr.json"
+    )
 
 
 @pytest.mark.parametrize("name", ["values", "grid"])

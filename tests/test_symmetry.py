@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
-from schemas.shape import Keypoints
-from stages.scoring.symmetry import exchanges
+from b23d.schemas.keypoints import Keypoints
+from b23d.stages.scoring.symmetry import exchanges
 from tests.shared_data import shared
 
 
@@ -25,7 +25,10 @@ def test_no_symmetry_is_the_identity_alone() -> None:
 
 
 def test_pairs_of_one_mirror_are_exchanged_together() -> None:
-    assert sorted(exchanges(keypoints_at(RECTANGLE, reflections=[(0, 3), (1, 2)])).tolist()) == [[0, 1, 2, 3], [3, 2, 1, 0]]
+    assert sorted(exchanges(keypoints_at(RECTANGLE, reflections=[(0, 3), (1, 2)])).tolist()) == [
+        [0, 1, 2, 3],
+        [3, 2, 1, 0],
+    ]
 
 
 def test_overlapping_pairs_are_sorted_into_planes() -> None:
@@ -64,11 +67,16 @@ def test_ids_that_the_shape_lacks_are_left_out() -> None:
 def test_listed_symmetries_of_real_shapes_keep_mutual_distances() -> None:
     for name, groups in (("airplane", {1, 2}), ("bathtub", {1, 2, 4}), ("bed", {1, 2, 4})):
         for one in json.loads(shared(f"keypointnet/annotations/{name}.json").read_text()):
-            lists = {key: [tuple(entry["kp_indexes"]) for entry in one["symmetries"][key]] for key in ("reflection", "rotation")}
+            lists = {
+                key: [tuple(entry["kp_indexes"]) for entry in one["symmetries"][key]]
+                for key in ("reflection", "rotation")
+            }
             truth = Keypoints(
                 ids=np.array([keypoint["semantic_id"] for keypoint in one["keypoints"]], np.int32),
                 positions=np.array([keypoint["xyz"] for keypoint in one["keypoints"]], float),
-                point_indices=np.array([keypoint["pcd_info"]["point_index"] for keypoint in one["keypoints"]], np.int32),
+                point_indices=np.array(
+                    [keypoint["pcd_info"]["point_index"] for keypoint in one["keypoints"]], np.int32
+                ),
                 reflections=lists["reflection"],
                 rotations=lists["rotation"],
             )

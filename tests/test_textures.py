@@ -9,12 +9,14 @@ import pytest
 import trimesh
 from PIL import Image
 
-from schemas.shape import NormalizedShape, Source
-from stages.normalize import NormalizeParams, normalize
+from b23d.schemas.shape import NormalizedShape, Source
+from b23d.stages.normalize import NormalizeParams, normalize
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 1.5, 0]]
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-SHADES = np.stack(np.broadcast_arrays(np.arange(64)[None, :] * 4, np.arange(48)[:, None] * 5, 90), axis=2).astype(np.uint8)
+SHADES = np.stack(np.broadcast_arrays(np.arange(64)[None, :] * 4, np.arange(48)[:, None] * 5, 90), axis=2).astype(
+    np.uint8
+)
 """Red grows to the right, green downwards."""
 
 
@@ -89,10 +91,13 @@ def test_glb_texture_and_plain_material() -> None:
     """glTF keeps the origin at the upper left, trimesh turns it; the base colour factor is linear light."""
     pictured = trimesh.Trimesh(SQUARE[:3], [[0, 1, 2]], process=False)
     pictured.visual = trimesh.visual.TextureVisuals(
-        [(0.1, 0.2), (0.9, 0.2), (0.9, 0.7)], trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(SHADES))
+        [(0.1, 0.2), (0.9, 0.2), (0.9, 0.7)],
+        trimesh.visual.material.PBRMaterial(baseColorTexture=Image.fromarray(SHADES)),
     )
     plain = trimesh.Trimesh(np.array(SQUARE[2:]) + 1, [[0, 1, 2]], process=False)
-    plain.visual = trimesh.visual.TextureVisuals(None, trimesh.visual.material.PBRMaterial(baseColorFactor=[55, 0, 255, 255]))
+    plain.visual = trimesh.visual.TextureVisuals(
+        None, trimesh.visual.material.PBRMaterial(baseColorFactor=[55, 0, 255, 255])
+    )
     data = trimesh.Scene([pictured, plain]).export(file_type="glb")
     shape = normalize(Source(shape="s", files={"m.glb": data}, mesh="m.glb"), NormalizeParams(count=8))
     for place in PLACES:
@@ -107,7 +112,9 @@ def test_vertex_colors_follow_the_vertices() -> None:
     mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=np.arange(24).reshape(8, 3).astype(np.uint8))
     for suffix in ("ply", "glb"):
         data = mesh.export(file_type=suffix)
-        shape = normalize(Source(shape="s", files={"m": data, f"m.{suffix}": data}, mesh=f"m.{suffix}"), NormalizeParams(count=8))
+        shape = normalize(
+            Source(shape="s", files={"m": data, f"m.{suffix}": data}, mesh=f"m.{suffix}"), NormalizeParams(count=8)
+        )
         np.testing.assert_array_equal(shape.vertex_colors, np.arange(24).reshape(8, 3))
 
 
@@ -115,7 +122,9 @@ def test_ply_face_colors_become_a_palette() -> None:
     mesh = trimesh.creation.box()
     colors = np.arange(36).reshape(12, 3).astype(np.uint8) * 7
     mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=colors)
-    shape = normalize(Source(shape="s", files={"m.ply": mesh.export(file_type="ply")}, mesh="m.ply"), NormalizeParams(count=8))
+    shape = normalize(
+        Source(shape="s", files={"m.ply": mesh.export(file_type="ply")}, mesh="m.ply"), NormalizeParams(count=8)
+    )
     for face in range(12):
         assert seen(shape, face, PLACES[face % 4]).tolist() == colors[face].tolist()
 

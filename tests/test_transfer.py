@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.plan import State
-from pipeline.run import Run
-from schemas.parts import PartPrediction, PartScore, PartTable
-from schemas.shape import Parts
-from stages.score_parts import PartScoreParams, score_parts
-from stages.scoring.parts import part_table, render
-from stages.solvers.voting import vote
-from stages.transfer import TransferParams, transfer
+from b23d.pipeline.plan import State
+from b23d.pipeline.run import Run
+from b23d.schemas.parts import Parts
+from b23d.schemas.predictions import PartPrediction
+from b23d.schemas.scores import PartScore, PartTable
+from b23d.stages.score_parts import PartScoreParams, score_parts
+from b23d.stages.scoring.parts import part_table, render
+from b23d.stages.solvers.voting import vote
+from b23d.stages.transfer import TransferParams, transfer
 from tests.made_features import cloud, described, labelled
 from tests.small_runs import FAST
 
 NAMES = ["seat", "leg", "back", "arm"]
-RUN = """
+RUN = (
+    """
 name = "parts"
 outputs = ["score_parts"]
 [dataset]
@@ -32,7 +34,9 @@ count = 1
 draws = [0]
 [store]
 root = "{store}"
-""" + FAST
+"""
+    + FAST
+)
 
 
 def random_shape(seed: int, n: int = 150, channels: int = 24) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,7 +91,9 @@ def test_order_of_candidates_and_of_shots_does_not_matter() -> None:
 @pytest.mark.parametrize("k", [1, 4, 500])
 def test_the_vote_is_that_of_a_plain_loop(weighting: Any, k: int) -> None:
     random = np.random.default_rng(k)
-    target, known = (rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in np.split(random.normal(size=(80, 6)), [20]))
+    target, known = (
+        rows / np.linalg.norm(rows, axis=1, keepdims=True) for rows in np.split(random.normal(size=(80, 6)), [20])
+    )
     labels = random.integers(0, 4, 60)
     found, share = vote(target, known, labels, 5, k, weighting)
     for i in range(20):
@@ -117,7 +123,9 @@ def test_what_does_not_fit_is_named() -> None:
         empty = Parts(points=np.zeros((0, 3)), labels=np.zeros(0, np.int32), names=NAMES)
         transfer(shape, features, [shape], [features], [empty], TransferParams())
     with pytest.raises(ValueError, match="shot 0: expected part labels below 2"):
-        transfer(shape, features, [shape], [features], [parts.model_copy(update={"names": ["a", "b"]})], TransferParams())
+        transfer(
+            shape, features, [shape], [features], [parts.model_copy(update={"names": ["a", "b"]})], TransferParams()
+        )
     with pytest.raises(ValueError, match="expected as many channels"):
         transfer(shape, described(own[:, :5]), [shape], [features], [parts], TransferParams())
     with pytest.raises(ValueError, match="the target: expected features of its 150 candidates, got 3"):
@@ -132,7 +140,9 @@ def scored(predicted: list[int], annotated: list[int], **params: Any) -> PartSco
     points[:, 0] = np.arange(len(annotated)) / 10
     labels = np.array(predicted, np.int32)
     prediction = PartPrediction(labels=labels, confidence=np.ones(len(labels), np.float32), names=NAMES, method="test")
-    return score_parts(cloud(points), prediction, labelled(points, np.array(annotated), NAMES), PartScoreParams(**params))
+    return score_parts(
+        cloud(points), prediction, labelled(points, np.array(annotated), NAMES), PartScoreParams(**params)
+    )
 
 
 def test_iou_by_hand() -> None:
@@ -140,12 +150,16 @@ def test_iou_by_hand() -> None:
     assert one.intersection.tolist() == [2, 0, 0, 0]
     assert one.union.tolist() == [3, 2, 1, 0]
     assert one.present.tolist() == [True, True, False, False]
-    assert one.iou == pytest.approx((2 / 3 + 0 + 0 + 1) / 4), "an absent part that is not predicted counts 1, one that is 0"
+    assert one.iou == pytest.approx((2 / 3 + 0 + 0 + 1) / 4), (
+        "an absent part that is not predicted counts 1, one that is 0"
+    )
     assert scored([0, 0, 1, 2], [0, 0, 0, 1], absent="skip").iou == pytest.approx((2 / 3) / 3)
 
 
 def test_annotated_points_take_the_nearest_candidate_s_label() -> None:
-    prediction = PartPrediction(labels=np.array([0, 1], np.int32), confidence=np.ones(2, np.float32), names=NAMES, method="test")
+    prediction = PartPrediction(
+        labels=np.array([0, 1], np.int32), confidence=np.ones(2, np.float32), names=NAMES, method="test"
+    )
     annotated = labelled(np.array([[0.1, 0, 0], [0.2, 0, 0], [0.9, 0, 0]]), np.array([0, 1, 1]), NAMES)
     one = score_parts(cloud(np.array([[0.0, 0, 0], [1.0, 0, 0]])), prediction, annotated, PartScoreParams())
     assert one.intersection.tolist() == [1, 1, 0, 0]
@@ -181,7 +195,7 @@ def test_the_table_is_readable() -> None:
 @pytest.mark.slow
 def test_a_run_on_shapes_with_parts_only(tmp_path: Path) -> None:
     """Drawn, transferred, scored and printed, without a keypoint anywhere."""
-    from stages.commands.parts import run_parts
+    from b23d.stages.workbench.results.scores import run_parts
     from tests.test_shapenetpart import make_shapenetpart
 
     make_shapenetpart(tmp_path / "data", 2)

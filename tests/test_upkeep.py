@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.config import load_config
-from pipeline.explain import explain
-from pipeline.members import members
-from pipeline.run import Run
-from pipeline.upkeep import garbage, reached, verify
+from b23d.pipeline.config import load_config
+from b23d.pipeline.explain import explain
+from b23d.pipeline.members import members
+from b23d.pipeline.run import Run
+from b23d.pipeline.upkeep import garbage, reached, verify
 from tests.toy import make_toy
 
 
@@ -82,7 +82,7 @@ def test_gc_keeps_what_the_members_of_a_sweep_reach(tmp_path: Path) -> None:
     run.execute(workers=0)
     assert garbage(run.store, reached([path], run.store)) == []
     make_toy(tmp_path, extra='[sweep]\n"stages.square.power" = [3]\n')
-    assert garbage(run.store, reached([path], run.store)) == []   # still in the manifests of the sweep as executed
+    assert garbage(run.store, reached([path], run.store)) == []  # still in the manifests of the sweep as executed
     shutil.rmtree(tmp_path / "toy.sweep")
     lost = garbage(run.store, reached([path], run.store))
     dropped = Run.load(path, ["stages.square.power=4"]).plan().nodes

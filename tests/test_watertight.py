@@ -8,11 +8,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from schemas.shape import Keypoints
-from stages.describe import DescribeParams, describe
-from stages.geometry.keypoints import keypoint_candidates
-from stages.geometry.nearest import nearest_on_faces
-from stages.geometry.watertight import LEAK, uneven_edges, watertight
+from b23d.schemas.keypoints import Keypoints
+from b23d.stages.describe import DescribeParams, describe
+from b23d.stages.geometry.keypoints import keypoint_candidates
+from b23d.stages.geometry.nearest import nearest_on_faces
+from b23d.stages.geometry.watertight import LEAK, uneven_edges, watertight
 from tests.made_shapes import of_cloud, of_mesh, on_surface
 from tests.shared_data import shared
 
@@ -76,7 +76,9 @@ def test_inner_shells_go_and_separate_parts_stay_apart() -> None:
     shells = trimesh.util.concatenate([BALL, trimesh.creation.icosphere(subdivisions=2, radius=0.3)])
     vertices, _ = watertight(shells.vertices, shells.faces, 24)
     assert np.linalg.norm(vertices, axis=1).min() > 0.48
-    two = trimesh.util.concatenate([trimesh.creation.box((0.2, 0.2, 0.2)).apply_translation([x, 0, 0]) for x in (-0.4, 0.4)])
+    two = trimesh.util.concatenate(
+        [trimesh.creation.box((0.2, 0.2, 0.2)).apply_translation([x, 0, 0]) for x in (-0.4, 0.4)]
+    )
     assert trimesh.Trimesh(*watertight(two.vertices, two.faces, 24), process=False).body_count == 2
 
 
@@ -134,7 +136,9 @@ def test_heat_crosses_parts_that_only_overlap() -> None:
     shape = of_mesh(CROSS.vertices, CROSS.faces, watertight=True, watertight_resolution=24)
     features = describe(shape, DescribeParams(descriptor="hks", surface="mesh", eigenpairs=16)).features.astype(float)
     from_middle = np.abs(shape.points).max(axis=1)
-    assert features[from_middle > 0.45, 0].mean() > 1.2 * features[from_middle < 0.2, 0].mean()  # ends of arms hold heat
+    assert (
+        features[from_middle > 0.45, 0].mean() > 1.2 * features[from_middle < 0.2, 0].mean()
+    )  # ends of arms hold heat
 
 
 def test_a_real_mesh() -> None:

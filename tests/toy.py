@@ -1,4 +1,5 @@
-"""A tiny data set and three stages that know no 3D, to test the engine with: text files of numbers, squared and summed."""
+"""A tiny data set and three stages that know no 3D, to test the engine with: text files of numbers, squared and
+summed."""
 
 from __future__ import annotations
 
@@ -9,10 +10,10 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from pipeline.dataset import Dataset, Leaf, Shape, dataset
-from pipeline.stage import Hints, stage
-from schemas.artifact import ArraySpec, Artifact
-from schemas.params import Params
+from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.artifact import ArraySpec, Artifact
+from b23d.schemas.params import Params
 
 
 class Numbers(Artifact):
@@ -37,7 +38,10 @@ class Toy(Dataset):
     def shapes(self) -> list[Shape]:
         found = []
         for path in sorted(self.root.glob("*.txt")):
-            leaves = {"numbers": Leaf(load_numbers, files={"numbers.txt": path}), "keypoints": Leaf(load_answer, {"answer": 1})}
+            leaves = {
+                "numbers": Leaf(load_numbers, files={"numbers.txt": path}),
+                "keypoints": Leaf(load_answer, {"answer": 1}),
+            }
             found.append(Shape(path.stem, "toy", leaves))
         return found
 

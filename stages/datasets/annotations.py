@@ -6,8 +6,8 @@
   "symmetries": {"reflection": [{"kp_indexes": [0, 1]}, …], "rotation": [{"kp_indexes": [0, 2]}, …]}}, …]
 ```
 
-`kp_indexes` count places in the list `keypoints`, not semantic ids: in every annotation of the data set they stay below the
-list's length, often name no id, and read as places they pair points that mirror each other.
+`kp_indexes` count places in the list `keypoints`, not semantic ids: in every annotation of the data set they stay below
+the list's length, often name no id, and read as places they pair points that mirror each other.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from pydantic_core import from_json
 
-from pipeline.dataset import Leaf
-from schemas.shape import Keypoints
+from b23d.pipeline.dataset import Leaf
+from b23d.schemas.keypoints import Keypoints
 
 MEND = "mend the annotation file"
 LARGEST = float(np.finfo(np.float64).max)
@@ -52,12 +52,14 @@ class AnnotationFile:
             raise ValueError(f"{path}: expected a list of entries, got {type(entries).__name__}; {MEND}")
         for i, entry in enumerate(entries):
             if not isinstance(entry, dict) or not isinstance(entry.get("model_id"), str):
-                raise ValueError(f"{path}: expected entry {i} to be an object with a string `model_id`, got {str(entry)[:80]}; {MEND}")
+                raise ValueError(
+                    f"{path}: expected entry {i} to be an object with a string `model_id`, got {str(entry)[:80]}; {MEND}"
+                )
         return cls(entries, hashlib.sha256(data).hexdigest())
 
     def leaf(self, entry: dict[str, Any], name: str) -> Leaf:
-        """The `keypoints` leaf of the shape called `name`. Only what `load_keypoints` reads enters its digest: a keypoint's
-        colour or face does not."""
+        """The `keypoints` leaf of the shape called `name`. Only what `load_keypoints` reads enters its digest: a
+        keypoint's colour or face does not."""
         keypoints = entry.get("keypoints")
         if isinstance(keypoints, list):
             keypoints = [{key: k[key] for key in READ if key in k} if isinstance(k, dict) else k for k in keypoints]
@@ -124,7 +126,11 @@ def _whole(value: Any, where: str, what: str) -> int:
 
 
 def _position(value: Any, where: str) -> list[float]:
-    fine = isinstance(value, list) and len(value) == 3 and all(isinstance(c, int | float) and not isinstance(c, bool) for c in value)
+    fine = (
+        isinstance(value, list)
+        and len(value) == 3
+        and all(isinstance(c, int | float) and not isinstance(c, bool) for c in value)
+    )
     if not fine or any(not abs(c) <= LARGEST for c in value):  # NaN is not
         raise ValueError(f"{where}: expected xyz of three finite numbers, got {str(value)[:80]}; {MEND}")
     return [float(c) for c in value]

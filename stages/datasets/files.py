@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from stages.geometry.companions import gltf_files, material_files, ply_textures, texture_files
+from b23d.stages.geometry.companions import gltf_files, material_files, ply_textures, texture_files
 
 IMAGES = {".jpg", ".jpeg", ".png", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif"}
 HEAD = 1 << 16
@@ -18,8 +18,8 @@ HEAD = 1 << 16
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Without the cyclic garbage collector: listing makes a million small objects and no cycle, and collecting over and over
-    takes longer than all the rest."""
+    """Without the cyclic garbage collector: listing makes a million small objects and no cycle, and collecting over and
+    over takes longer than all the rest."""
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -30,7 +30,8 @@ def uncollected() -> Iterator[None]:
 
 
 def walk(root: Path) -> dict[str, str]:
-    """All files below `root`, sorted: path → place below the root with `/`. Hidden ones are passed over, links followed once."""
+    """All files below `root`, sorted: path → place below the root with `/`. Hidden ones are passed over, links followed
+    once."""
     files: dict[str, str] = {}
     folders = [(str(root), "")]
     linked: set[str] = set()
@@ -60,7 +61,8 @@ class Companions:
         self._textures: dict[tuple[str, str], list[str]] = {}
 
     def of(self, mesh: str) -> dict[str, Path]:
-        """The files a mesh names, by name relative to it; those that are absent are left out (normalize counts them)."""
+        """The files a mesh names, by name relative to it; those that are absent are left out (normalize counts
+        them)."""
         folder, suffix = posixpath.dirname(mesh), posixpath.splitext(mesh)[1].lower()
         if suffix == ".obj" and ".mtl" in self._suffixes:
             materials = self._existing(folder, material_files(_head(mesh)))
@@ -69,7 +71,9 @@ class Companions:
         if suffix == ".ply" and self._suffixes & IMAGES:
             return {name: Path(path) for name, path in self._existing(folder, ply_textures(_head(mesh))).items()}
         if suffix == ".gltf":
-            return {name: Path(path) for name, path in self._existing(folder, gltf_files(Path(mesh).read_bytes())).items()}
+            return {
+                name: Path(path) for name, path in self._existing(folder, gltf_files(Path(mesh).read_bytes())).items()
+            }
         return {}
 
     def _existing(self, folder: str, names: list[str]) -> dict[str, str]:

@@ -16,12 +16,12 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from pipeline.dataset import Leaf, Shape, dataset
-from stages.datasets.annotations import AnnotationFile
-from stages.datasets.external import WithExternals
-from stages.datasets.files import Companions, has_faces, uncollected, walk
-from stages.datasets.sources import source_leaf
-from stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
+from b23d.pipeline.dataset import Leaf, Shape, dataset
+from b23d.stages.datasets.annotations import AnnotationFile
+from b23d.stages.datasets.external import WithExternals
+from b23d.stages.datasets.files import Companions, has_faces, uncollected, walk
+from b23d.stages.datasets.sources import source_leaf
+from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
 
 Key = tuple[str, str]
 """Category and id."""
@@ -35,12 +35,14 @@ class Folder(WithExternals):
     root: Path
     """Where the shapes are. Hidden files and folders are passed over; symbolic links are followed."""
     keypoints: Path | None = None
-    """Annotation file in KeypointNet's form; its `model_id` is a shape's id, its `class_id` (optional) the category. None:
-    `<root>/keypoints.json` if it exists. Shapes without an entry are unannotated: they get features and predictions."""
+    """Annotation file in KeypointNet's form; its `model_id` is a shape's id, its `class_id` (optional) the category.
+    None: `<root>/keypoints.json` if it exists. Shapes without an entry are unannotated: they get features and
+    predictions."""
     pattern: str = "*"
     """Only files whose path below the root matches; `*` also matches `/`: `"*/models/*.obj"`."""
     id: Literal["stem", "folder"] = "stem"
-    """A shape's id: its file's stem, or the folder below the category (ShapeNet's `<class>/<id>/models/model_normalized.obj`)."""
+    """A shape's id: its file's stem, or the folder below the category (ShapeNet's
+    `<class>/<id>/models/model_normalized.obj`)."""
     category: str | None = Field(None, min_length=1)
     """One category for all shapes, wherever below the root they lie; None: the first folder's name."""
 
@@ -130,6 +132,12 @@ class Folder(WithExternals):
             return (having[0], model), None
         key = (category if isinstance(category, str) and category else self.root.resolve().name or "shapes", model)
         if having:
-            return key, f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}; mend the annotation file"
+            return (
+                key,
+                f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}; mend the annotation file",
+            )
         name = "/".join(key)
-        return key, f"{name}: expected a mesh or cloud {model}.* below {self.root}, got none; add it, or drop its entry from {path}"
+        return (
+            key,
+            f"{name}: expected a mesh or cloud {model}.* below {self.root}, got none; add it, or drop its entry from {path}",
+        )

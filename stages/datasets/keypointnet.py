@@ -14,11 +14,11 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from pipeline.dataset import Shape, dataset
-from stages.datasets.annotations import AnnotationFile, repeated
-from stages.datasets.external import Externals, WithExternals
-from stages.datasets.files import uncollected
-from stages.datasets.sources import source_leaf
+from b23d.pipeline.dataset import Shape, dataset
+from b23d.stages.datasets.annotations import AnnotationFile, repeated
+from b23d.stages.datasets.external import Externals, WithExternals
+from b23d.stages.datasets.files import uncollected
+from b23d.stages.datasets.sources import source_leaf
 
 CLOUDS, MESHES = "pcds", "ShapeNetCore.v2.ply"
 
@@ -33,8 +33,8 @@ class KeypointNet(WithExternals):
     classes: list[str] | None = None
     """Which classes: stems of `annotations/<class>.json`. None: all that are there."""
     geometry: Literal["auto", "mesh", "cloud"] = "auto"
-    """`mesh`: ShapeNet's mesh (with the cloud for candidates where there is one); `cloud`: the cloud alone; `auto`: the mesh
-    where there is one, else the cloud."""
+    """`mesh`: ShapeNet's mesh (with the cloud for candidates where there is one); `cloud`: the cloud alone; `auto`: the
+    mesh where there is one, else the cloud."""
 
     @uncollected()
     def shapes(self) -> list[Shape]:
@@ -45,7 +45,9 @@ class KeypointNet(WithExternals):
         folder = self.root / "annotations"
         existing = sorted(path.stem for path in folder.glob("*.json"))
         if not existing:
-            raise FileNotFoundError(f"keypointnet: expected annotations/<class>.json in {self.root}, got none; set dataset.root")
+            raise FileNotFoundError(
+                f"keypointnet: expected annotations/<class>.json in {self.root}, got none; set dataset.root"
+            )
         classes = existing if self.classes is None else list(dict.fromkeys(self.classes))
         if unknown := [name for name in classes if name not in existing]:
             raise FileNotFoundError(
@@ -64,7 +66,9 @@ class KeypointNet(WithExternals):
         for entry in annotations.entries:
             class_id, model_id = entry.get("class_id"), entry["model_id"]
             if not isinstance(class_id, str):
-                raise ValueError(f"{path}: expected a string `class_id` for model {model_id}, got {class_id!r}; mend the annotation file")
+                raise ValueError(
+                    f"{path}: expected a string `class_id` for model {model_id}, got {class_id!r}; mend the annotation file"
+                )
             for part, suffix in ((CLOUDS, ".pcd"), (MESHES, ".ply")):
                 if f"{part}/{class_id}" not in listed:
                     listed[f"{part}/{class_id}"] = _stems(self.root / part / class_id, suffix)

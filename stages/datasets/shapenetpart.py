@@ -5,8 +5,9 @@
 <root>/<synset>/<id>.txt                             rows `x y z nx ny nz label`
 <root>/train_test_split/shuffled_train_file_list.json  (val, test)  ["shape_data/02691156/1021a0…", …] (optional)
 ```
-The archive's name is `shapenetcore_partanno_segmentation_benchmark_v0_normal`. Labels run through all classes (airplanes have
-0 … 3, bags 4 and 5 …); here each class counts its own from 0, and a part's name is the data set's own label, as text.
+The archive's name is `shapenetcore_partanno_segmentation_benchmark_v0_normal`. Labels run through all classes
+(airplanes have 0 … 3, bags 4 and 5 …); here each class counts its own from 0, and a part's name is the data set's own
+label, as text.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.dataset import Dataset, Leaf, Shape, dataset
-from schemas.shape import Parts, Source
+from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
+from b23d.schemas.parts import Parts
+from b23d.schemas.shape import Source
 
 LABELS = {
     "Airplane": range(0, 4), "Bag": range(4, 6), "Cap": range(6, 8), "Car": range(8, 12), "Chair": range(12, 16),
@@ -45,7 +47,8 @@ class ShapeNetPart(Dataset):
     def shapes(self) -> list[Shape]:
         """All shapes of the classes, sorted by name; those that a split lists without a file carry an error.
 
-        Raises FileNotFoundError (no such root or class) and ValueError (unreadable lists, a class whose labels are not known).
+        Raises FileNotFoundError (no such root or class) and ValueError (unreadable lists, a class whose labels are not
+        known).
         """
         synsets = self._synsets()
         existing = [name for name, synset in synsets.items() if (self.root / synset).is_dir()]
@@ -56,7 +59,9 @@ class ShapeNetPart(Dataset):
                 "set dataset.classes"
             )
         if strange := [name for name in wanted if name not in LABELS]:
-            raise ValueError(f"shapenetpart: expected classes among {', '.join(LABELS)}, got {', '.join(strange)}; set dataset.classes")
+            raise ValueError(
+                f"shapenetpart: expected classes among {', '.join(LABELS)}, got {', '.join(strange)}; set dataset.classes"
+            )
         splits = self._splits()
         shapes = [shape for category in wanted for shape in self._class(category, synsets[category], splits)]
         return sorted(shapes, key=lambda shape: shape.name)
@@ -71,13 +76,17 @@ class ShapeNetPart(Dataset):
                 shapes.append(Shape(name, category, _leaves(files[name], category, name), listed.get(name)))
             else:
                 error = f"{category}/{name}: expected {synset}/{name}.txt in {self.root}, got no such file"
-                shapes.append(Shape(name, category, {}, listed[name], f"{error}; add it, or take it off the split's list"))
+                shapes.append(
+                    Shape(name, category, {}, listed[name], f"{error}; add it, or take it off the split's list")
+                )
         return shapes
 
     def _synsets(self) -> dict[str, str]:
         path = self.root / "synsetoffset2category.txt"
         if not path.is_file():
-            raise FileNotFoundError(f"shapenetpart: expected {path}, got none; set dataset.root to the folder that holds it")
+            raise FileNotFoundError(
+                f"shapenetpart: expected {path}, got none; set dataset.root to the folder that holds it"
+            )
         lines = [line.split() for line in path.read_text().splitlines() if line.strip()]
         if any(len(line) != 2 for line in lines):
             raise ValueError(f"{path}: expected lines of a class and its synset, got others; restore the file")
@@ -93,7 +102,9 @@ class ShapeNetPart(Dataset):
             try:
                 splits.update({"/".join(entry.split("/")[-2:]): split for entry in json.loads(path.read_text())})
             except (ValueError, AttributeError, TypeError) as error:
-                raise ValueError(f"{path}: expected a list of `shape_data/<synset>/<id>`, got {error}; restore the file") from error
+                raise ValueError(
+                    f"{path}: expected a list of `shape_data/<synset>/<id>`, got {error}; restore the file"
+                ) from error
         return splits
 
 
@@ -113,7 +124,9 @@ def load_parts(files: dict[str, bytes], values: dict[str, Any]) -> Parts:
     first, count = values["first"], values["count"]
     labels = rows[:, -1] - first
     if wrong := sorted({float(label) for label in rows[~np.isin(labels, np.arange(count)), -1]}):
-        raise ValueError(f"{values['shape']}: expected labels {first} … {first + count - 1}, got {wrong[0]:g}; restore the file")
+        raise ValueError(
+            f"{values['shape']}: expected labels {first} … {first + count - 1}, got {wrong[0]:g}; restore the file"
+        )
     return Parts(points=rows[:, :3], labels=labels.astype(np.int32), names=[str(first + i) for i in range(count)])
 
 
@@ -127,8 +140,8 @@ def _leaves(path: Path, category: str, name: str) -> dict[str, Leaf]:
 
 
 def _rows(files: dict[str, bytes], values: dict[str, Any]) -> np.ndarray:
-    from stages.geometry.surface import MalformedError
-    from stages.geometry.text import numbers, plain, tokens_per_line
+    from b23d.stages.geometry.surface import MalformedError
+    from b23d.stages.geometry.text import numbers, plain, tokens_per_line
 
     text = plain(files[FILE])
     try:
@@ -137,5 +150,7 @@ def _rows(files: dict[str, bytes], values: dict[str, Any]) -> np.ndarray:
         raise ValueError(f"{values['shape']}: {error}") from error
     if not len(found) or (widths[widths > 0] != COLUMNS).any() or len(found) % COLUMNS:
         got = sorted(set(widths[widths > 0].tolist()))
-        raise ValueError(f"{values['shape']}: expected rows `x y z nx ny nz label`, got rows of {got or 'no'} numbers; restore the file")
+        raise ValueError(
+            f"{values['shape']}: expected rows `x y z nx ny nz label`, got rows of {got or 'no'} numbers; restore the file"
+        )
     return found.reshape(-1, COLUMNS)

@@ -6,12 +6,13 @@ import posixpath
 from pathlib import Path
 from typing import Any
 
-from pipeline.dataset import Leaf
-from schemas.shape import Source
+from b23d.pipeline.dataset import Leaf
+from b23d.schemas.shape import Source
 
 
 def source_leaf(name: str, mesh: str | None, cloud: str | None, companions: dict[str, Path] | None = None) -> Leaf:
-    """The `source` leaf of the shape called `name`: `mesh.<suffix>`, `cloud.<suffix>`, and companions by relative name."""
+    """The `source` leaf of the shape called `name`: `mesh.<suffix>`, `cloud.<suffix>`, and companions by relative
+    name."""
     files: dict[str, Path] = {}
     values: dict[str, Any] = {}
     for role, path in (("mesh", mesh), ("cloud", cloud)):
@@ -23,4 +24,6 @@ def source_leaf(name: str, mesh: str | None, cloud: str | None, companions: dict
 
 def load_source(files: dict[str, bytes], values: dict[str, Any]) -> Source:
     """A Source of the files' bytes; `values` says which is the mesh and which the cloud."""
-    return Source(shape=values.get("shape", "the shape"), files=files, mesh=values.get("mesh"), cloud=values.get("cloud"))
+    return Source(
+        shape=values.get("shape", "the shape"), files=files, mesh=values.get("mesh"), cloud=values.get("cloud")
+    )

@@ -28,7 +28,8 @@ def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -
         normals: (n, 3) of unit length and consistent side; without, the z axes of the points' own frames.
 
     Returns:
-        descriptors (n, 352) float64 of unit length, and defined (n,) bool: False (and zeros) with fewer than 5 neighbours.
+        descriptors (n, 352) float64 of unit length, and defined (n,) bool: False (and zeros) with fewer than 5
+        neighbours.
     """
     points = np.asarray(points, dtype=np.float64)
     centers, others, distances = _pairs(points, radius)
@@ -57,15 +58,19 @@ def shot(points: np.ndarray, radius: float, normals: np.ndarray | None = None) -
     histograms = flat.reshape(len(points), CHANNELS)
     defined = np.bincount(centers, minlength=len(points)) >= FEWEST
     lengths = np.linalg.norm(histograms, axis=1, keepdims=True)
-    return np.divide(histograms, lengths, out=np.zeros_like(histograms), where=(lengths > 0) & defined[:, None]), defined
+    return np.divide(
+        histograms, lengths, out=np.zeros_like(histograms), where=(lengths > 0) & defined[:, None]
+    ), defined
 
 
-def local_frames(centers: np.ndarray, offsets: np.ndarray, distances: np.ndarray, radius: float, outward: np.ndarray) -> np.ndarray:
+def local_frames(
+    centers: np.ndarray, offsets: np.ndarray, distances: np.ndarray, radius: float, outward: np.ndarray
+) -> np.ndarray:
     """Repeatable local reference frames (n, 3, 3) float64, rows x, y, z, right-handed (Salti et al. 2014, section 3).
 
     Axes are those of the covariance weighted by (radius - distance), largest to smallest; x and z point to where more
-    neighbours are, or where these are farther out if they are as many. On a plane neither tells the sides of z: there it
-    goes along `outward` (n, 3). Neighbour p of point centers[p] is at offsets[p] (p, 3), distances[p] (p,) from it.
+    neighbours are, or where these are farther out if they are as many. On a plane neither tells the sides of z: there
+    it goes along `outward` (n, 3). Neighbour p of point centers[p] is at offsets[p] (p, 3), distances[p] (p,) from it.
     """
     count = len(outward)
     products = (radius - distances)[:, None] * (offsets[:, :, None] * offsets[:, None]).reshape(-1, 9)
@@ -78,7 +83,8 @@ def local_frames(centers: np.ndarray, offsets: np.ndarray, distances: np.ndarray
 
 
 def _side(centers: np.ndarray, along: np.ndarray, radius: float, otherwise: np.ndarray) -> np.ndarray:
-    """(n,) 1 or -1: the side of each point with more neighbours, by their offsets (p,) along its axis; else sign of `otherwise`."""
+    """(n,) 1 or -1: the side of each point with more neighbours, by their offsets (p,) along its axis; else sign of
+    `otherwise`."""
     along = np.where(np.abs(along) > FLAT * radius, along, 0)
     more = np.bincount(centers, np.sign(along), len(otherwise))
     farther = np.bincount(centers, along, len(otherwise))

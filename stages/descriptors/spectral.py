@@ -1,7 +1,7 @@
 """Heat and wave kernel signatures from the Laplace–Beltrami spectrum of a mesh or a cloud.
 
-Everything is scaled to unit surface area, so that neither depends on the shape's size, and divided by its integral, so that
-the mean over the surface is 1 in every channel.
+Everything is scaled to unit surface area, so that neither depends on the shape's size, and divided by its integral, so
+that the mean over the surface is 1 in every channel.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from scipy.linalg import eigh
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import eigsh
 
-from stages.geodesics.connectivity import weld
-from stages.geodesics.insertion import insert_points
+from b23d.stages.geodesics.connectivity import weld
+from b23d.stages.geodesics.insertion import insert_points
 
 SHIFT = -0.01
-"""Spectral shift: below the spectrum, whose first non-zero value is 8 π on the unit-area sphere, so that L - SHIFT M is definite."""
+"""Spectral shift: below the spectrum, whose first non-zero value is 8 π on the unit-area sphere, so that L - SHIFT M is
+definite."""
 NEIGHBORS = 30
 """Size of a cloud's local triangulations (Sharp and Crane 2020)."""
 DENSE = 400
@@ -53,7 +54,9 @@ def cloud_spectrum(points: np.ndarray, eigenpairs: int) -> Spectrum:
     """
     places, at = np.unique(points.astype(np.float64), axis=0, return_inverse=True)
     if len(places) < 8:
-        raise ValueError(f"cloud: expected at least 8 different points for a Laplacian, got {len(places)}; use more candidates")
+        raise ValueError(
+            f"cloud: expected at least 8 different points for a Laplacian, got {len(places)}; use more candidates"
+        )
     stiffness, mass = point_cloud_laplacian(places, n_neighbors=min(NEIGHBORS, len(places) - 1))
     return _spectrum(stiffness, mass, at.ravel(), eigenpairs)
 
@@ -67,7 +70,8 @@ def heat_kernel_signature(spectrum: Spectrum, times: np.ndarray) -> np.ndarray:
 
 
 def wave_kernel_signature(spectrum: Spectrum, energies: int, width: float) -> np.ndarray:
-    """(n, e) float64: Σ exp(-(e - log λ)² / 2σ²) φ² over the same sum of weights (Aubry, Schlickewei, Cremers 2011, Eq. 11).
+    """(n, e) float64: Σ exp(-(e - log λ)² / 2σ²) φ² over the same sum of weights (Aubry, Schlickewei, Cremers 2011, Eq.
+    11).
 
     `energies` steps of log λ, `width` = σ in steps; the range is the spectrum's own, 2σ inside its ends. Constant
     functions (λ = 0, one a component) are left out.
@@ -76,7 +80,9 @@ def wave_kernel_signature(spectrum: Spectrum, energies: int, width: float) -> np
     """
     waves = spectrum.values > 1e-6 * spectrum.values[-1]
     if waves.sum() < 2:
-        raise ValueError(f"spectrum: expected eigenvalues above zero, got {spectrum.values[-3:]}; raise eigenpairs, or describe the cloud")
+        raise ValueError(
+            f"spectrum: expected eigenvalues above zero, got {spectrum.values[-3:]}; raise eigenpairs, or describe the cloud"
+        )
     logs = np.log(spectrum.values[waves])
     # 2 sigma at both ends: low + 2 w step … high - 2 w step in `energies` steps
     step = (logs[-1] - logs[0]) / (energies - 1 + 4 * width)
@@ -98,6 +104,8 @@ def _spectrum(stiffness: csc_matrix, mass: csc_matrix, at: np.ndarray, eigenpair
         values, functions = eigh(stiffness.toarray(), np.diag(areas), subset_by_index=(0, min(eigenpairs, count) - 1))
     else:
         start = np.random.default_rng(0).standard_normal(count)  # ARPACK's own would differ from run to run
-        values, functions = eigsh(stiffness.tocsc(), min(eigenpairs, count // 2), diags(areas).tocsc(), sigma=SHIFT, v0=start)
+        values, functions = eigsh(
+            stiffness.tocsc(), min(eigenpairs, count // 2), diags(areas).tocsc(), sigma=SHIFT, v0=start
+        )
     order = values.argsort()
     return Spectrum(np.maximum(values[order], 0), functions[at][:, order] ** 2)

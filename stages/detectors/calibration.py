@@ -1,4 +1,5 @@
-"""Few-shot calibration: the scale and the number of points with which a detector does best on the annotated shots themselves."""
+"""Few-shot calibration: the scale and the number of points with which a detector does best on the annotated shots
+themselves."""
 
 from __future__ import annotations
 
@@ -8,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from schemas.features import GeodesicDistances
-from schemas.shape import Keypoints, NormalizedShape
-from stages.geometry.keypoints import keypoint_candidates
+from b23d.schemas.features import GeodesicDistances
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.geometry.keypoints import keypoint_candidates
 
 MOST = 3
 """Numbers up to this many times the average of the shots are tried."""
@@ -18,7 +20,8 @@ MOST = 3
 
 @dataclass(frozen=True)
 class AnnotatedShot:
-    """A shot: its candidates (n, 3) float64, and their distances from its g annotated keypoints (n, g), both in the unit frame."""
+    """A shot: its candidates (n, 3) float64, and their distances from its g annotated keypoints (n, g), both in the
+    unit frame."""
 
     points: np.ndarray
     distances: np.ndarray
@@ -37,10 +40,15 @@ def average_count(annotated: Sequence[int]) -> int:
     return max(1, int(np.floor(np.mean(annotated) + 0.5)))
 
 
-def annotated_shot(name: str, shape: NormalizedShape, geodesic: GeodesicDistances, keypoints: Keypoints) -> AnnotatedShot:
-    """A shot as calibration sees it. Raises ValueError: distances that do not fit the candidates, a keypoint beyond the cloud."""
+def annotated_shot(
+    name: str, shape: NormalizedShape, geodesic: GeodesicDistances, keypoints: Keypoints
+) -> AnnotatedShot:
+    """A shot as calibration sees it. Raises ValueError: distances that do not fit the candidates, a keypoint beyond the
+    cloud."""
     if len(geodesic.distances) != len(shape.points):
-        raise ValueError(f"{name}: expected distances of {len(shape.points)} candidates, got {len(geodesic.distances)}; re-run geodesic")
+        raise ValueError(
+            f"{name}: expected distances of {len(shape.points)} candidates, got {len(geodesic.distances)}; re-run geodesic"
+        )
     at = keypoint_candidates(keypoints, shape, name)
     return AnnotatedShot(shape.points.astype(np.float64), geodesic.distances[:, at])
 
@@ -54,17 +62,30 @@ def choose(
 ) -> Choice:
     """The scale and count of the largest label-agnostic IoU over the shots together; `count` fixes the count.
 
-    rank(points, scale): a detector's points, strongest first. Of equally good choices, the count nearest to the shots' average, then
-    the scale nearest to 1. Deterministic. What is chosen is fitted to the shots, so its IoU there is higher than on targets.
+    rank(points, scale): a detector's points, strongest first. Of equally good choices, the count nearest to the shots'
+    average, then the scale nearest to 1. Deterministic. What is chosen is fitted to the shots, so its IoU there is
+    higher than on targets.
     """
     average = average_count([shot.distances.shape[1] for shot in shots])
     counts = np.arange(1, MOST * average + 1) if count is None else np.array([count])
     choices = [
         Choice(scale, int(k), float(iou))
         for scale in scales
-        for k, iou in zip(counts, _ious([shot.distances[rank(shot.points, scale)] <= threshold for shot in shots], counts), strict=True)
+        for k, iou in zip(
+            counts,
+            _ious([shot.distances[rank(shot.points, scale)] <= threshold for shot in shots], counts),
+            strict=True,
+        )
     ]
-    return max(choices, key=lambda choice: (round(choice.iou, 9), -abs(choice.count - average), -abs(np.log(choice.scale)), -choice.scale))
+    return max(
+        choices,
+        key=lambda choice: (
+            round(choice.iou, 9),
+            -abs(choice.count - average),
+            -abs(np.log(choice.scale)),
+            -choice.scale,
+        ),
+    )
 
 
 def _ious(hits: Sequence[np.ndarray], counts: np.ndarray) -> npt.NDArray[np.float64]:

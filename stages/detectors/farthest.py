@@ -9,9 +9,9 @@ import numpy.typing as npt
 def farthest(distances: np.ndarray, count: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
     """The candidates that lie farthest apart, and each one's distance from those before it.
 
-    distances: (n, n), geodesic; what no path joins (inf) counts as the largest distance there is. The first point is the one with
-    the largest mean distance from all, as in the paper; its own "distance from those before" is that mean. Of equal ones, the
-    first in the cloud's order. Returns (k,) indices and (k,) distances, k = min(count, n).
+    distances: (n, n), geodesic; what no path joins (inf) counts as the largest distance there is. The first point is
+    the one with the largest mean distance from all, as in the paper; its own "distance from those before" is that mean.
+    Of equal ones, the first in the cloud's order. Returns (k,) indices and (k,) distances, k = min(count, n).
     """
     finite = np.isfinite(distances)
     if not finite.all():

@@ -1,7 +1,8 @@
-"""HARRIS-3D (Sipiran & Bustos 2011, The Visual Computer 27): the Harris response of a quadratic patch fitted around each point.
+"""HARRIS-3D (Sipiran & Bustos 2011, The Visual Computer 27): the Harris response of a quadratic patch fitted around
+each point.
 
-The paper's rings of a mesh's vertices become a ball here, so that clouds work, too; lengths in the patch are in units of its radius,
-so that responses compare between scales.
+The paper's rings of a mesh's vertices become a ball here, so that clouds work, too; lengths in the patch are in units
+of its radius, so that responses compare between scales.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from stages.geometry.sampling import farthest_points
+from b23d.stages.geometry.sampling import farthest_points
 
 ENOUGH = 48
 """Points that describe a ball: where balls hold more on average, they are filled from an evenly thinned cloud."""
@@ -20,11 +21,12 @@ FEWEST = 7
 
 
 def harris3d(points: np.ndarray, radius: float, k: float) -> npt.NDArray[np.float64]:
-    """Response h = det E - k tr² E (n,), with E the Gaussian mean of ∇z ∇zᵀ over the patch (the paper's closed form, σ² = 2).
+    """Response h = det E - k tr² E (n,), with E the Gaussian mean of ∇z ∇zᵀ over the patch (the paper's closed form, σ²
+    = 2).
 
-    Patch: the plane of the ball's principal axes through the point, and on it z = p1 x²/2 + p2 xy + p3 y²/2 + p4 x + p5 y + p6 by
-    least squares. h is above 0 where the normal turns in both directions, below along an edge, 0 on a plane and where a ball has
-    too few points. points: (n, 3) float64.
+    Patch: the plane of the ball's principal axes through the point, and on it z = p1 x²/2 + p2 xy + p3 y²/2 + p4 x + p5
+    y + p6 by least squares. h is above 0 where the normal turns in both directions, below along an edge, 0 on a plane
+    and where a ball has too few points. points: (n, 3) float64.
     """
     offsets, inside = _balls(points, radius)
     count = inside.sum(axis=1)
@@ -42,7 +44,8 @@ def harris3d(points: np.ndarray, radius: float, k: float) -> npt.NDArray[np.floa
 
 
 def _balls(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets (n, m, 3) from each point to those around it over the radius, zero where there are fewer, and which ones are real."""
+    """Offsets (n, m, 3) from each point to those around it over the radius, zero where there are fewer, and which ones
+    are real."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)

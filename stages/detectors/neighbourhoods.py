@@ -31,8 +31,11 @@ def ball_sums(points: np.ndarray, radius: float, columns: np.ndarray) -> npt.NDA
     return sums
 
 
-def scatter_matrices(points: np.ndarray, radius: float, weights: np.ndarray) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Weighted Σ w (q - p)(q - p)ᵀ and Σ w (q - p) over the balls: (n, 3, 3) about the point itself, and (n, 3), both over Σ w."""
+def scatter_matrices(
+    points: np.ndarray, radius: float, weights: np.ndarray
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Weighted Σ w (q - p)(q - p)ᵀ and Σ w (q - p) over the balls: (n, 3, 3) about the point itself, and (n, 3), both
+    over Σ w."""
     outer = np.einsum("ni,nj->nij", points, points).reshape(-1, 9)
     columns = np.concatenate([np.ones((len(points), 1)), points, outer], axis=1) * weights[:, None]
     sums = ball_sums(points, radius, columns)
@@ -55,5 +58,7 @@ def strongest(points: np.ndarray, response: np.ndarray, radius: float) -> npt.ND
     place = np.arange(len(order))
     kept = np.zeros(len(order), bool)
     for rows, squared in blocks(among):
-        kept[rows] = (squared <= radius * radius).argmax(axis=1) == place[rows]  # the first within reach is the point itself
+        kept[rows] = (squared <= radius * radius).argmax(axis=1) == place[
+            rows
+        ]  # the first within reach is the point itself
     return order[kept].astype(np.int64)

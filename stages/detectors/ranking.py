@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stages.detectors.harris3d import harris3d
-from stages.detectors.iss import iss
-from stages.detectors.neighbourhoods import strongest
-from stages.detectors.sift3d import sift3d
+from b23d.stages.detectors.harris3d import harris3d
+from b23d.stages.detectors.iss import iss
+from b23d.stages.detectors.neighbourhoods import strongest
+from b23d.stages.detectors.sift3d import sift3d
 
 
-def ranked(points: np.ndarray, method: str, options: Mapping[str, float], scale: float) -> tuple[np.ndarray, np.ndarray]:
+def ranked(
+    points: np.ndarray, method: str, options: Mapping[str, float], scale: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Indices (m,) of a method's points among (n, 3), all its lengths multiplied by `scale`, and their responses (m,).
 
     method: "iss", "harris" or "sift"; options: its constants, as `Detector.options` has them.

@@ -1,4 +1,5 @@
-"""CLIP's image tower: Radford et al., "Learning transferable visual models from natural language supervision" (2021)."""
+"""CLIP's image tower: Radford et al., "Learning transferable visual models from natural language supervision"
+(2021)."""
 
 from __future__ import annotations
 
@@ -7,17 +8,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from stages.encoders.interface import Backbone, Settings, blocks_taken, size_taken
-from stages.encoders.vit import BATCH, Blocks, load_model, pixels_of
-from stages.encoders.weights import Checkpoint
+from b23d.stages.encoders.interface import Backbone, Settings, blocks_taken, size_taken
+from b23d.stages.encoders.vit import BATCH, Blocks, load_model, pixels_of
+from b23d.stages.encoders.weights import Checkpoint
 
 MEAN, STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 
 
 class Clip(Blocks):
-    """Patch tokens of the blocks wanted, as they are or after the final layer norm; the class token always after it, as CLIP has it."""
+    """Patch tokens of the blocks wanted, as they are or after the final layer norm; the class token always after it, as
+    CLIP has it."""
 
-    def __init__(self, model: Any, blocks: tuple[int, ...], layernorm: bool, grid: tuple[int, int], interpolate: bool) -> None:
+    def __init__(
+        self, model: Any, blocks: tuple[int, ...], layernorm: bool, grid: tuple[int, int], interpolate: bool
+    ) -> None:
         super().__init__(model, blocks)
         self.norm, self.layernorm = self.named("post_layernorm"), layernorm
         self.grid, self.interpolate = grid, interpolate
@@ -29,7 +33,8 @@ class Clip(Blocks):
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
-    """Default: the last block's patch tokens (`last_hidden_state`), before the final layer norm, which CLIP keeps for the class token."""
+    """Default: the last block's patch tokens (`last_hidden_state`), before the final layer norm, which CLIP keeps for
+    the class token."""
     from transformers import CLIPVisionModel
 
     model = load_model(CLIPVisionModel, checkpoint)
@@ -39,4 +44,6 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     grid = (size // config.patch_size, size // config.patch_size)
     network = Clip(model, blocks, bool(settings.layernorm), grid, interpolate=size != config.image_size)
     pixels = pixels_of(checkpoint, size, MEAN, STD)
-    return Backbone(network, pixels, grid, config.hidden_size * len(blocks), class_token=True, likes_bf16=True, batch=BATCH)
+    return Backbone(
+        network, pixels, grid, config.hidden_size * len(blocks), class_token=True, likes_bf16=True, batch=BATCH
+    )

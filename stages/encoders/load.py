@@ -8,36 +8,50 @@ from typing import Literal
 
 import torch
 
-from stages.encoders import clip, dinov2, efficientnet, efficientnet_lite0, saliency_vit, sam, siglip
-from stages.encoders.interface import Backbone, Encoder, Settings
-from stages.encoders.weights import CONFIG, Checkpoint, read_json
+from b23d.stages.encoders import clip, dinov2, efficientnet, efficientnet_lite0, saliency_vit, sam, siglip
+from b23d.stages.encoders.interface import Backbone, Encoder, Settings
+from b23d.stages.encoders.weights import CONFIG, Checkpoint, read_json
 
 Precision = Literal["auto", "bf16", "fp32"]
 Build = Callable[[Checkpoint, Settings], Backbone]
 EMBEDDED: dict[str, Build] = {"efficientnet-lite0": efficientnet_lite0.build, "saliency-vit-s14": saliency_vit.build}
 FAMILIES: dict[str, Build] = {
-    "dinov2": dinov2.build, "dinov2_with_registers": dinov2.build, "dinov3_vit": dinov2.build,
-    "clip": clip.build, "clip_vision_model": clip.build,
-    "sam": sam.build, "sam_vision_model": sam.build,
-    "siglip": siglip.build, "siglip_vision_model": siglip.build, "siglip2": siglip.build, "siglip2_vision_model": siglip.build,
+    "dinov2": dinov2.build,
+    "dinov2_with_registers": dinov2.build,
+    "dinov3_vit": dinov2.build,
+    "clip": clip.build,
+    "clip_vision_model": clip.build,
+    "sam": sam.build,
+    "sam_vision_model": sam.build,
+    "siglip": siglip.build,
+    "siglip_vision_model": siglip.build,
+    "siglip2": siglip.build,
+    "siglip2_vision_model": siglip.build,
     "efficientnet": efficientnet.build,
 }
 """`model_type` of config.json → who builds it."""
 
 
-def load_encoder(checkpoint: Checkpoint, blocks: tuple[int, ...] = (), layernorm: bool | None = None, input_size: int | None = None,
-                 precision: Precision = "auto") -> Encoder:
+def load_encoder(
+    checkpoint: Checkpoint,
+    blocks: tuple[int, ...] = (),
+    layernorm: bool | None = None,
+    input_size: int | None = None,
+    precision: Precision = "auto",
+) -> Encoder:
     """The encoder; the same object for the same request.
 
-    Raises ValueError where the checkpoint's architecture is not supported, its weights are not complete, or blocks, layernorm or
-    input_size are not this encoder's.
+    Raises ValueError where the checkpoint's architecture is not supported, its weights are not complete, or blocks,
+    layernorm or input_size are not this encoder's.
     """
     digests = tuple(sorted(checkpoint.digests().items()))
     return _load(checkpoint, digests, Settings(blocks, layernorm, input_size), precision)
 
 
 @lru_cache(maxsize=2)
-def _load(checkpoint: Checkpoint, digests: tuple[tuple[str, str], ...], settings: Settings, precision: Precision) -> Encoder:
+def _load(
+    checkpoint: Checkpoint, digests: tuple[tuple[str, str], ...], settings: Settings, precision: Precision
+) -> Encoder:
     device = "cuda" if torch.cuda.is_available() else "cpu"
     backbone = _family(checkpoint)(checkpoint, settings)
     backbone.network.to(device)
@@ -59,6 +73,8 @@ def _family(checkpoint: Checkpoint) -> Build:
         return EMBEDDED[checkpoint.encoder]
     model_type = read_json(checkpoint.path / CONFIG).get("model_type")
     if model_type not in FAMILIES:
-        raise ValueError(f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {', '.join(FAMILIES)}, got {model_type} in "
-                         f"{checkpoint.path}; take one of these")
+        raise ValueError(
+            f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {', '.join(FAMILIES)}, got {model_type} in "
+            f"{checkpoint.path}; take one of these"
+        )
     return FAMILIES[model_type]

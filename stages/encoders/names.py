@@ -53,11 +53,19 @@ HUB = {
         f"dinov3-{size}": Hub(f"facebook/dinov3-{size}-pretrain-lvd1689m", ("dinov3_vit",))
         for size in ("vits16", "vits16plus", "vitb16", "vitl16", "vith16plus")
     },
-    **{f"clip-vit-{size}": Hub(f"openai/clip-vit-{size}", ("clip", "clip_vision_model")) for size in ("base-patch16", "large-patch14")},
-    **{f"sam-vit-{size}": Hub(f"facebook/sam-vit-{size}", ("sam", "sam_vision_model")) for size in ("base", "large", "huge")},
+    **{
+        f"clip-vit-{size}": Hub(f"openai/clip-vit-{size}", ("clip", "clip_vision_model"))
+        for size in ("base-patch16", "large-patch14")
+    },
+    **{
+        f"sam-vit-{size}": Hub(f"facebook/sam-vit-{size}", ("sam", "sam_vision_model"))
+        for size in ("base", "large", "huge")
+    },
     # The fixed-resolution SigLIP 2 checkpoints have SigLIP's architecture, and say so in their config.json.
     **{
-        f"siglip2-{size}": Hub(f"google/siglip2-{size}", ("siglip", "siglip_vision_model", "siglip2", "siglip2_vision_model"))
+        f"siglip2-{size}": Hub(
+            f"google/siglip2-{size}", ("siglip", "siglip_vision_model", "siglip2", "siglip2_vision_model")
+        )
         for size in ("base-patch16-224", "large-patch16-256", "so400m-patch14-384", "base-patch16-naflex")
     },
     "efficientnet-b4": Hub("google/efficientnet-b4", ("efficientnet",)),
@@ -82,5 +90,9 @@ def known_name(encoder: str) -> str:
         return encoder
     known = [*EMBEDDED, *HUB]
     near = difflib.get_close_matches(encoder, known, n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(near)}?" if near else "a local checkpoint's folder goes into stages.extract.weights"
-    raise ValueError(f"encoder {encoder}: expected one of {', '.join(known)}, or a hub name org/name, got {encoder!r}; {hint}")
+    hint = (
+        f"did you mean {' or '.join(near)}?" if near else "a local checkpoint's folder goes into stages.extract.weights"
+    )
+    raise ValueError(
+        f"encoder {encoder}: expected one of {', '.join(known)}, or a hub name org/name, got {encoder!r}; {hint}"
+    )

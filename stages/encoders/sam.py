@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from stages.encoders.interface import Backbone, Settings, blocks_taken, no_layernorm
-from stages.encoders.vit import IMAGENET_MEAN, IMAGENET_STD, Blocks, load_model, pixels_of
-from stages.encoders.weights import Checkpoint
+from b23d.stages.encoders.interface import Backbone, Settings, blocks_taken, no_layernorm
+from b23d.stages.encoders.vit import IMAGENET_MEAN, IMAGENET_STD, Blocks, load_model, pixels_of
+from b23d.stages.encoders.weights import Checkpoint
 
 
 class Sam(Blocks):
@@ -30,7 +30,8 @@ class Sam(Blocks):
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     """Default: the last block. Views are resized to the encoder's own size (1024), the only one it takes.
 
-    SAM's processor resizes the longest side and pads the other; views here are resized whole, which for square views is the same.
+    SAM's processor resizes the longest side and pads the other; views here are resized whole, which for square views is
+    the same.
     """
     from transformers import SamVisionModel
 
@@ -38,10 +39,14 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     model = load_model(SamVisionModel, checkpoint)
     config = model.config
     if settings.input_size not in (None, config.image_size):
-        raise ValueError(f"encoder {checkpoint.encoder}: expected stages.extract.input_size {config.image_size}, SAM's only one, "
-                         f"got {settings.input_size}; remove it")
+        raise ValueError(
+            f"encoder {checkpoint.encoder}: expected stages.extract.input_size {config.image_size}, SAM's only one, "
+            f"got {settings.input_size}; remove it"
+        )
     blocks = blocks_taken(checkpoint.encoder, settings.blocks, config.num_hidden_layers, config.num_hidden_layers - 1)
     grid = (config.image_size // config.patch_size, config.image_size // config.patch_size)
     pixels = pixels_of(checkpoint, config.image_size, IMAGENET_MEAN, IMAGENET_STD, "bilinear")
     # One view at 1024² is 4,096 tokens: as many as 16 views of a ViT-S/14 at 224².
-    return Backbone(Sam(model, blocks), pixels, grid, config.hidden_size * len(blocks), class_token=False, likes_bf16=True, batch=1)
+    return Backbone(
+        Sam(model, blocks), pixels, grid, config.hidden_size * len(blocks), class_token=False, likes_bf16=True, batch=1
+    )

@@ -1,7 +1,7 @@
 """SigLIP and SigLIP 2 image towers: Zhai et al. (2023), Tschannen et al., "SigLIP 2" (2025).
 
-They have no class token; an attention-pooling head gives one vector an image, which serves as such where the last block alone is taken
-(of earlier or several blocks there is none).
+They have no class token; an attention-pooling head gives one vector an image, which serves as such where the last block
+alone is taken (of earlier or several blocks there is none).
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from stages.encoders.interface import Backbone, Settings, blocks_taken, size_taken
-from stages.encoders.vit import BATCH, Blocks, load_model, pixels_of, vision_config
-from stages.encoders.weights import CONFIG, Checkpoint, read_json
+from b23d.stages.encoders.interface import Backbone, Settings, blocks_taken, size_taken
+from b23d.stages.encoders.vit import BATCH, Blocks, load_model, pixels_of, vision_config
+from b23d.stages.encoders.weights import CONFIG, Checkpoint, read_json
 
 MEAN = STD = (0.5, 0.5, 0.5)
 
@@ -22,7 +22,9 @@ MEAN = STD = (0.5, 0.5, 0.5)
 class Siglip(Blocks):
     """Patch tokens of the blocks wanted, each after the final layer norm if so set; the pooled output if so set."""
 
-    def __init__(self, model: Any, blocks: tuple[int, ...], layernorm: bool, grid: tuple[int, int], pooled: bool) -> None:
+    def __init__(
+        self, model: Any, blocks: tuple[int, ...], layernorm: bool, grid: tuple[int, int], pooled: bool
+    ) -> None:
         super().__init__(model, blocks)
         self.norm = self.named("post_layernorm") if layernorm else None
         self.grid, self.pooled = grid, pooled
@@ -42,13 +44,15 @@ class NaFlex(Siglip):
 
     def run(self, pixels: Tensor, **options: Any) -> tuple[list[Tensor], Any]:
         patch = self.model.config.patch_size
-        patches = functional.pixel_unshuffle(pixels, patch).unflatten(1, (3, patch, patch))      # b, rgb, y, x, i, j
-        return super().run(patches.permute(0, 4, 5, 2, 3, 1).flatten(3).flatten(1, 2), **options)   # b, patches, y x rgb
+        patches = functional.pixel_unshuffle(pixels, patch).unflatten(1, (3, patch, patch))  # b, rgb, y, x, i, j
+        return super().run(patches.permute(0, 4, 5, 2, 3, 1).flatten(3).flatten(1, 2), **options)  # b, patches, y x rgb
 
     def options(self, pixels: Tensor) -> dict[str, Any]:
         count, device = self.grid[0] * self.grid[1], pixels.device
-        return {"pixel_attention_mask": torch.ones(len(pixels), count, dtype=torch.int64, device=device),
-                "spatial_shapes": torch.tensor([self.grid] * len(pixels), device=device)}
+        return {
+            "pixel_attention_mask": torch.ones(len(pixels), count, dtype=torch.int64, device=device),
+            "spatial_shapes": torch.tensor([self.grid] * len(pixels), device=device),
+        }
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
@@ -61,9 +65,13 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     own = round(config.num_patches**0.5) * config.patch_size if naflex else config.image_size
     last = config.num_hidden_layers - 1
     blocks = blocks_taken(checkpoint.encoder, settings.blocks, config.num_hidden_layers, last)
-    size = size_taken(checkpoint.encoder, settings.input_size, own // config.patch_size * config.patch_size, config.patch_size)
+    size = size_taken(
+        checkpoint.encoder, settings.input_size, own // config.patch_size * config.patch_size, config.patch_size
+    )
     grid = (size // config.patch_size, size // config.patch_size)
     pooled = blocks == (last,) and vision_config(checkpoint).get("vision_use_head", True)
     network = (NaFlex if naflex else Siglip)(model, blocks, settings.layernorm is not False, grid, pooled)
     pixels = pixels_of(checkpoint, size, MEAN, STD, "bilinear" if naflex else "bicubic")
-    return Backbone(network, pixels, grid, config.hidden_size * len(blocks), class_token=pooled, likes_bf16=True, batch=BATCH)
+    return Backbone(
+        network, pixels, grid, config.hidden_size * len(blocks), class_token=pooled, likes_bf16=True, batch=BATCH
+    )

@@ -1,4 +1,5 @@
-"""What the transformer families share: loading a transformers model from a folder, and running it up to the last block wanted."""
+"""What the transformer families share: loading a transformers model from a folder, and running it up to the last block
+wanted."""
 
 from __future__ import annotations
 
@@ -8,13 +9,20 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from stages.encoders.interface import Pixels, Resample, Triple
-from stages.encoders.weights import CONFIG, PREPROCESSOR, TORCH, Checkpoint, read_json
+from b23d.stages.encoders.interface import Pixels, Resample, Triple
+from b23d.stages.encoders.weights import CONFIG, PREPROCESSOR, TORCH, Checkpoint, read_json
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 BATCH = 8
 """Views at a time on a CPU; measured for ViT-S, flat from 4 to 31."""
-PIL_RESAMPLING: dict[int, Resample] = {0: "nearest-exact", 1: "bicubic", 2: "bilinear", 3: "bicubic", 4: "bilinear", 5: "bilinear"}
+PIL_RESAMPLING: dict[int, Resample] = {
+    0: "nearest-exact",
+    1: "bicubic",
+    2: "bilinear",
+    3: "bicubic",
+    4: "bilinear",
+    5: "bilinear",
+}
 """PIL's number → torch's nearest relative (Lanczos → bicubic; box and Hamming → bilinear)."""
 
 
@@ -25,8 +33,15 @@ def load_model(model_class: Any, checkpoint: Checkpoint) -> Any:
     Raises ValueError where the checkpoint lacks weights or they have other shapes.
     """
     torch_file = checkpoint.weights[0].name == TORCH
-    return complete(checkpoint.encoder, model_class, checkpoint.path, local_files_only=True, use_safetensors=not torch_file,
-                    weights_only=True, dtype=torch.float32)
+    return complete(
+        checkpoint.encoder,
+        model_class,
+        checkpoint.path,
+        local_files_only=True,
+        use_safetensors=not torch_file,
+        weights_only=True,
+        dtype=torch.float32,
+    )
 
 
 def complete(encoder: str, model_class: Any, source: Any, **options: Any) -> Any:
@@ -39,22 +54,28 @@ def complete(encoder: str, model_class: Any, source: Any, **options: Any) -> Any
     try:
         model, report = model_class.from_pretrained(source, output_loading_info=True, **options)
     except (RuntimeError, OSError, pickle.UnpicklingError) as error:
-        raise ValueError(f"encoder {encoder}: expected weights of a {model_class.__name__} in {source}, got files that do not load "
-                         f"({str(error).strip().splitlines()[-1][:200]}); fetch the checkpoint again") from error
+        raise ValueError(
+            f"encoder {encoder}: expected weights of a {model_class.__name__} in {source}, got files that do not load "
+            f"({str(error).strip().splitlines()[-1][:200]}); fetch the checkpoint again"
+        ) from error
     finally:
         logging.set_verbosity(verbosity)
         if bars:
             logging.enable_progress_bar()
     if missing := sorted(report["missing_keys"]):
-        raise ValueError(f"encoder {encoder}: expected all weights of a {model_class.__name__}, got none for {missing[0]} and "
-                         f"{len(missing) - 1} more in {source}; give the whole checkpoint")
+        raise ValueError(
+            f"encoder {encoder}: expected all weights of a {model_class.__name__}, got none for {missing[0]} and "
+            f"{len(missing) - 1} more in {source}; give the whole checkpoint"
+        )
     return model.eval().requires_grad_(False)
 
 
 def pixels_of(checkpoint: Checkpoint, size: int, mean: Triple, std: Triple, resample: Resample = "bicubic") -> Pixels:
-    """How the checkpoint's preprocessor_config.json prepares images, or, where there is none, as the family's constants say.
+    """How the checkpoint's preprocessor_config.json prepares images, or, where there is none, as the family's constants
+    say.
 
-    `mean` and `std` are of levels in 0 … 1. The view is always resized whole: these processors' crops would cut the shape.
+    `mean` and `std` are of levels in 0 … 1. The view is always resized whole: these processors' crops would cut the
+    shape.
     """
     given = read_json(path) if (path := checkpoint.path / PREPROCESSOR).is_file() else {}
     if not given:
@@ -65,10 +86,13 @@ def pixels_of(checkpoint: Checkpoint, size: int, mean: Triple, std: Triple, resa
     mean = tuple(given.get("image_mean", mean)) if normalize else (0.0, 0.0, 0.0)
     std = tuple(given.get("image_std", std)) if normalize else (1.0, 1.0, 1.0)
     if given.get("include_top", str(given.get("image_processor_type")).startswith("EfficientNet")):
-        # EfficientNet's processor divides by the deviation a second time (its configured ones are the square roots of ImageNet's).
+        # EfficientNet's processor divides by the deviation a second time (its configured ones are the square roots of
+        # ImageNet's).
         std = (std[0] ** 2, std[1] ** 2, std[2] ** 2)
     shifted = (mean[0] + offset, mean[1] + offset, mean[2] + offset)
-    return Pixels(size, scaled(shifted, factor), scaled(std, factor), PIL_RESAMPLING.get(given.get("resample", -1), resample))
+    return Pixels(
+        size, scaled(shifted, factor), scaled(std, factor), PIL_RESAMPLING.get(given.get("resample", -1), resample)
+    )
 
 
 def scaled(values: Triple, factor: float = 1 / 255) -> Triple:
@@ -89,12 +113,15 @@ class Blocks(nn.Module):
         super().__init__()
         self.blocks = blocks
         depth = model.config.num_hidden_layers
-        self.layers = next(module for module in model.modules() if isinstance(module, nn.ModuleList) and len(module) == depth)
+        self.layers = next(
+            module for module in model.modules() if isinstance(module, nn.ModuleList) and len(module) == depth
+        )
         del self.layers[max(blocks) + 1 :]
         self.model = model
 
     def run(self, *inputs: Any, **options: Any) -> tuple[list[Tensor], Any]:
-        """The outputs of the wanted blocks, in order, and the model's own output (after its own final norm and head)."""
+        """The outputs of the wanted blocks, in order, and the model's own output (after its own final norm and
+        head)."""
         taken: list[Tensor] = []
 
         def keep(_module: nn.Module, _inputs: Any, output: Any) -> None:

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from stages.encoders.names import EMBEDDED, HUB
+from b23d.stages.encoders.names import EMBEDDED, HUB
 
 SAFETENSORS, INDEX, TORCH = "model.safetensors", "model.safetensors.index.json", "pytorch_model.bin"
 CONFIG, PREPROCESSOR = "config.json", "preprocessor_config.json"
@@ -42,15 +42,17 @@ class Checkpoint:
 def find_checkpoint(encoder: str, folder: Path | None = None, sha256: str | None = None) -> Checkpoint:
     """Find an encoder's files, download them from the hub if they are nowhere, and check their digest.
 
-    `encoder` as `names.known_name` gives it; `folder`: a local checkpoint, used in place of the hub's; `sha256`: what the
-    weights' digest must be (an embedded encoder's is pinned besides).
+    `encoder` as `names.known_name` gives it; `folder`: a local checkpoint, used in place of the hub's; `sha256`: what
+    the weights' digest must be (an embedded encoder's is pinned besides).
 
     Raises FileNotFoundError where files are missing, ValueError where the digest is another or the folder holds another
     family's checkpoint.
     """
     if encoder in EMBEDDED:
         checkpoint = _embedded(encoder, folder)
-        _expect(checkpoint, EMBEDDED[encoder].sha256, f"the package was changed; run `{EMBEDDED[encoder].install}` again")
+        _expect(
+            checkpoint, EMBEDDED[encoder].sha256, f"the package was changed; run `{EMBEDDED[encoder].install}` again"
+        )
     else:
         checkpoint = _in_folder(encoder, folder) if folder is not None else _from_hub(encoder)
         _expect_family(checkpoint)
@@ -73,24 +75,34 @@ def read_json(path: Path) -> dict:
 def _embedded(encoder: str, folder: Path | None) -> Checkpoint:
     entry = EMBEDDED[encoder]
     if folder is not None:
-        raise ValueError(f"encoder {encoder}: expected no stages.extract.weights (a package holds them), got {folder}; remove it")
+        raise ValueError(
+            f"encoder {encoder}: expected no stages.extract.weights (a package holds them), got {folder}; remove it"
+        )
     for needed in (entry.package, *entry.needs):
         if find_spec(needed) is None:
-            raise FileNotFoundError(f"encoder {encoder}: expected the package {needed}, got none installed; run `{entry.install}`")
+            raise FileNotFoundError(
+                f"encoder {encoder}: expected the package {needed}, got none installed; run `{entry.install}`"
+            )
     spec = find_spec(entry.package)
     places = list(spec.submodule_search_locations or []) if spec else []
     for place in places:
         if (file := Path(place) / entry.file).is_file():
             return Checkpoint(encoder, file, (file,))
-    raise FileNotFoundError(f"encoder {encoder}: expected {entry.file} in {' or '.join(places)}, got no such file; run `{entry.install}`")
+    raise FileNotFoundError(
+        f"encoder {encoder}: expected {entry.file} in {' or '.join(places)}, got no such file; run `{entry.install}`"
+    )
 
 
 def _in_folder(encoder: str, folder: Path) -> Checkpoint:
     def missing(what: str) -> FileNotFoundError:
-        return FileNotFoundError(f"encoder {encoder}: expected {what} in {folder}, got none; give a checkpoint in transformers' format")
+        return FileNotFoundError(
+            f"encoder {encoder}: expected {what} in {folder}, got none; give a checkpoint in transformers' format"
+        )
 
     if not folder.is_dir():
-        raise FileNotFoundError(f"encoder {encoder}: expected stages.extract.weights to be a folder, got {folder}; correct the path")
+        raise FileNotFoundError(
+            f"encoder {encoder}: expected stages.extract.weights to be a folder, got {folder}; correct the path"
+        )
     if not (folder / CONFIG).is_file():
         raise missing(CONFIG)
     configs = tuple(path for name in (CONFIG, PREPROCESSOR) if (path := folder / name).is_file())
@@ -120,7 +132,10 @@ def _from_hub(encoder: str) -> Checkpoint:
         folder = Path(snapshot_download(hub, allow_patterns=WANTED))
         if not any((folder / name).is_file() for name in (SAFETENSORS, INDEX)):
             folder = Path(snapshot_download(hub, allow_patterns=[*WANTED, TORCH]))
-    except (OSError, ValueError) as error:   # no network, no such repository, no access, disk full: the hub's errors are these
+    except (
+        OSError,
+        ValueError,
+    ) as error:  # no network, no such repository, no access, disk full: the hub's errors are these
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise FileNotFoundError(
             f"encoder {encoder}: expected its weights in the hub's cache or a folder given by stages.extract.weights, got neither, and "
@@ -132,15 +147,19 @@ def _from_hub(encoder: str) -> Checkpoint:
 def _expect(checkpoint: Checkpoint, sha256: str, remedy: str) -> None:
     got = checkpoint.digests()["weights"]
     if got != sha256:
-        raise ValueError(f"encoder {checkpoint.encoder}: expected weights of sha256 {sha256}, got {got} in {checkpoint.path}; {remedy}")
+        raise ValueError(
+            f"encoder {checkpoint.encoder}: expected weights of sha256 {sha256}, got {got} in {checkpoint.path}; {remedy}"
+        )
 
 
 def _expect_family(checkpoint: Checkpoint) -> None:
     if checkpoint.encoder in HUB:
         expected, got = HUB[checkpoint.encoder].model_types, read_json(checkpoint.configs[0]).get("model_type")
         if got not in expected:
-            raise ValueError(f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {' or '.join(expected)}, got {got} in "
-                             f"{checkpoint.path}; give the checkpoint of this encoder, or its own hub name as stages.extract.encoder")
+            raise ValueError(
+                f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {' or '.join(expected)}, got {got} in "
+                f"{checkpoint.path}; give the checkpoint of this encoder, or its own hub name as stages.extract.encoder"
+            )
 
 
 def _sha256_of_all(files: tuple[Path, ...]) -> str:

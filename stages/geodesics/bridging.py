@@ -27,12 +27,19 @@ def links(points: np.ndarray, components: np.ndarray) -> tuple[np.ndarray, np.nd
     order = np.argsort(components, kind="stable")
     starts = np.searchsorted(components[order], np.arange(count))
     gaps = np.concatenate(
-        [np.minimum.reduceat(cdist(points[order[r : r + ROWS]], points[order]), starts, axis=1) for r in range(0, len(points), ROWS)]
+        [
+            np.minimum.reduceat(cdist(points[order[r : r + ROWS]], points[order]), starts, axis=1)
+            for r in range(0, len(points), ROWS)
+        ]
     )  # (n, c): each point's distance from each component
     between = np.minimum.reduceat(gaps, starts, axis=0)  # (c, c)
-    tree = minimum_spanning_tree(csr_matrix(between + 1.0)).tocoo()  # + 1: a gap of zero must not read as no edge; same tree
+    tree = minimum_spanning_tree(
+        csr_matrix(between + 1.0)
+    ).tocoo()  # + 1: a gap of zero must not read as no edge; same tree
     pairs = zip(tree.row, tree.col, strict=True)
-    ends = np.array([[order[_nearest(gaps, starts, a, b)], order[_nearest(gaps, starts, b, a)]] for a, b in pairs], dtype=np.int64)
+    ends = np.array(
+        [[order[_nearest(gaps, starts, a, b)], order[_nearest(gaps, starts, b, a)]] for a, b in pairs], dtype=np.int64
+    )
     return ends, np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
 
 

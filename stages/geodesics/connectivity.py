@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.geodesics.graph import edge_graph, label_components
+from b23d.stages.geodesics.graph import edge_graph, label_components
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -14,6 +14,7 @@ def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def face_components(count: int, faces: np.ndarray) -> np.ndarray:
-    """(f,) int32: the connected part each face (f, 3) of a welded mesh of `count` places is in; labels need not be dense."""
+    """(f,) int32: the connected part each face (f, 3) of a welded mesh of `count` places is in; labels need not be
+    dense."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     return label_components(edge_graph(count, edges, np.ones(len(edges))))[faces[:, 0]]

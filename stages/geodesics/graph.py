@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-from stages.geodesics.bridging import links
+from b23d.stages.geodesics.bridging import links
 
 
 def neighbour_edges(points: np.ndarray, neighbors: int) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +59,8 @@ def graph_distances(
         points: (n, 3) float.
         neighbors: nearest others of each point that it is linked to.
         sources: (s,) int, indices of points.
-        disconnected: "infinite" leaves inf where no path exists; "bridge" first joins components over their shortest gaps.
+        disconnected: "infinite" leaves inf where no path exists; "bridge" first joins components over their shortest
+        gaps.
 
     Returns:
         (s, n) float64.
@@ -69,9 +70,13 @@ def graph_distances(
     """
     points, sources = np.asarray(points, dtype=np.float64), np.asarray(sources, dtype=np.int64)
     if not len(points) or not np.isfinite(points).all():
-        raise ValueError(f"points: expected at least one and all finite, got {points.shape}; drop what is not finite first")
+        raise ValueError(
+            f"points: expected at least one and all finite, got {points.shape}; drop what is not finite first"
+        )
     if len(sources) and (sources.min() < 0 or sources.max() >= len(points)):
-        raise ValueError(f"sources: expected indices below {len(points)}, got {sources.min()} … {sources.max()}; index the same cloud")
+        raise ValueError(
+            f"sources: expected indices below {len(points)}, got {sources.min()} … {sources.max()}; index the same cloud"
+        )
     edges, lengths = neighbour_edges(points, neighbors)
     graph = edge_graph(len(points), edges, lengths)
     if disconnected == "bridge":

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from potpourri3d import MeshHeatMethodDistanceSolver, PointCloudHeatSolver
 
-from stages.geodesics.connectivity import face_components, weld
-from stages.geodesics.graph import edge_graph, label_components, neighbour_edges
-from stages.geodesics.insertion import insert_points
+from b23d.stages.geodesics.connectivity import face_components, weld
+from b23d.stages.geodesics.graph import edge_graph, label_components, neighbour_edges
+from b23d.stages.geodesics.insertion import insert_points
 
 FEWEST = 8
 """A cloud's component of fewer points has no tangent planes to speak of."""

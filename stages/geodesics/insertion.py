@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 INNER = 1e-3
-"""Smallest barycentric coordinate of an inserted point: it moves by at most this share of an edge, and no new face is empty."""
+"""Smallest barycentric coordinate of an inserted point: it moves by at most this share of an edge, and no new face is
+empty."""
 
 
 def insert_points(
@@ -24,8 +25,8 @@ def insert_points(
         barycentrics: (n, 3) float, its coordinates in that face.
 
     Returns:
-        vertices (v + m, 3) float64, faces (f + 2 m, 3) int64, and the vertex (n,) int64 of each point. Points with equal
-        coordinates share one vertex, so m may be less than n.
+        vertices (v + m, 3) float64, faces (f + 2 m, 3) int64, and the vertex (n,) int64 of each point. Points with
+        equal coordinates share one vertex, so m may be less than n.
     """
     inner = np.clip(np.asarray(barycentrics, dtype=np.float64), INNER, None)
     inner /= inner.sum(axis=1, keepdims=True)

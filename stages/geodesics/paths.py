@@ -45,7 +45,9 @@ def all_pairs(graph: csr_matrix, points: np.ndarray) -> np.ndarray:
         within = all_pairs(graph[side][:, side], points[side])
         columns = np.ascontiguousarray(from_separator[:, side])
         for row in range(0, len(side), TILE):  # the upper triangle is enough
-            _relax(within[row : row + TILE, row:], columns[:, row : row + TILE].T, np.ascontiguousarray(columns[:, row:]))
+            _relax(
+                within[row : row + TILE, row:], columns[:, row : row + TILE].T, np.ascontiguousarray(columns[:, row:])
+            )
         lower = np.tril_indices(len(side), -1)
         within[lower] = within.T[lower]
         distances[np.ix_(side, side)] = within
@@ -58,7 +60,8 @@ def all_pairs(graph: csr_matrix, points: np.ndarray) -> np.ndarray:
 
 
 def _separate(graph: csr_matrix, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """The smallest separator at a median plane across x, y or z, and the two sides without it; None if none is small."""
+    """The smallest separator at a median plane across x, y or z, and the two sides without it; None if none is
+    small."""
     count = len(points)
     edges = graph.tocoo()
     best: tuple[np.ndarray, np.ndarray] | None = None

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stages.geodesics.graph import edge_graph, label_components
+from b23d.stages.geodesics.graph import edge_graph, label_components
 
 STEEP = 0.5
-"""An edge steeper than this sine against the surface at both ends leaves the surface (a chord of a circle: over 60°)."""
+"""An edge steeper than this sine against the surface at both ends leaves the surface (a chord of a circle: over
+60°)."""
 OPPOSED = -0.5
 """Outward normals with a smaller cosine look away from each other: the two sides of a sheet."""
 PATCH = 12
@@ -50,8 +51,8 @@ def cut_shortcuts(
     """Drop the edges that leave the surface, wherever another way remains.
 
     An edge leaves the surface if it is steep against it at both ends, or, with `oriented` normals, if these oppose each
-    other. Where dropping such edges would disconnect what was connected, those between the parts stay: a sheet whose rim
-    has no samples, or a patch with its winding flipped.
+    other. Where dropping such edges would disconnect what was connected, those between the parts stay: a sheet whose
+    rim has no samples, or a patch with its winding flipped.
 
     Args:
         points: (n, 3) float64; normals: (n, 3), of unit length or zero.
@@ -63,7 +64,10 @@ def cut_shortcuts(
     """
     first, second = edges.T
     along = points[second] - points[first]
-    steep = np.minimum(np.abs((along * normals[first]).sum(axis=1)), np.abs((along * normals[second]).sum(axis=1))) > STEEP * lengths
+    steep = (
+        np.minimum(np.abs((along * normals[first]).sum(axis=1)), np.abs((along * normals[second]).sum(axis=1)))
+        > STEEP * lengths
+    )
     leaves = steep | ((normals[first] * normals[second]).sum(axis=1) < OPPOSED) if oriented else steep
     parts = label_components(edge_graph(len(points), edges[~leaves], lengths[~leaves]))
     stay = ~leaves | (parts[first] != parts[second])

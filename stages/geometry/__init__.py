@@ -1,1 +1,2 @@
-"""Shapes as arrays: reading, cleaning, sampling, nearest faces, keypoints on candidates. No paths: bytes in, arrays out."""
+"""Shapes as arrays: reading, cleaning, sampling, nearest faces, keypoints on candidates. No paths: bytes in, arrays
+out."""

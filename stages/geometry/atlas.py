@@ -1,4 +1,5 @@
-"""Many materials → one texture with coordinates within [0, 1], so that a renderer needs neither materials nor wrapping."""
+"""Many materials → one texture with coordinates within [0, 1], so that a renderer needs neither materials nor
+wrapping."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ import math
 import numpy as np
 from PIL import Image
 
-from stages.geometry.surface import GREY, Material, unique_colors
+from b23d.stages.geometry.surface import GREY, Material, unique_colors
 
 SIDE = 2048
 """The atlas's longest side, pixels, about."""
@@ -21,19 +22,24 @@ SLACK = 1e-3
 """How far beyond a whole number of repeats a coordinate may lie without asking for one more."""
 
 
-def bake(materials: list[Material], face_materials: np.ndarray, face_uvs: np.ndarray | None) -> tuple[np.ndarray, np.ndarray] | None:
+def bake(
+    materials: list[Material], face_materials: np.ndarray, face_uvs: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray] | None:
     """One texture for all faces.
 
     `face_materials` (f,) index into materials, -1 for none; `face_uvs` (f, 3, 2) in repeats, NaN where a face has none.
-    Returns face_uvs (f, 3, 2) float32 within [0, 1], origin at the lower left, and the texture (h, w, 3) uint8, first row
-    on top; None where no face has a colour. Faces of a material with an image but without coordinates show its colour.
+    Returns face_uvs (f, 3, 2) float32 within [0, 1], origin at the lower left, and the texture (h, w, 3) uint8, first
+    row on top; None where no face has a colour. Faces of a material with an image but without coordinates show its
+    colour.
     """
     used = np.unique(face_materials[face_materials >= 0])
     if not any(materials[m].image is not None or materials[m].color is not None for m in used):
         return None
     uvs = np.full((len(face_materials), 3, 2), np.nan) if face_uvs is None else face_uvs.copy()
     with np.errstate(invalid="ignore"):
-        uvs -= np.floor(np.minimum(np.minimum(uvs[:, 0], uvs[:, 1]), uvs[:, 2]) + SLACK)[:, None]  # whole repeats change nothing
+        uvs -= np.floor(np.minimum(np.minimum(uvs[:, 0], uvs[:, 1]), uvs[:, 2]) + SLACK)[
+            :, None
+        ]  # whole repeats change nothing
         highest = np.maximum(np.maximum(uvs[:, 0], uvs[:, 1]), uvs[:, 2])
         spans = np.maximum(np.ceil(highest - SLACK), 1)  # (f, 2) repeats that a face needs
 
@@ -107,7 +113,8 @@ def _swatch(index: np.ndarray, count: int) -> np.ndarray:
 
 
 def _pack(tiles: list[np.ndarray], palette: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """All tiles, and last the palette's square, in rows of falling height. Returns the texture and each one's (column, row)."""
+    """All tiles, and last the palette's square, in rows of falling height. Returns the texture and each one's (column,
+    row)."""
     pieces = list(tiles)
     if len(palette):
         across, size = math.ceil(math.sqrt(len(palette))), _swatch_size(len(palette))

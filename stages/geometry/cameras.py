@@ -68,7 +68,8 @@ def fitting_distance(points: np.ndarray, angles: np.ndarray, field_of_view: floa
     """Least distance at which cameras at `angles` all have all `points` (n, 3) in the frame; one for all views.
 
     `margin` is the share of the picture's half side kept free at every edge, in [0, 1). A point r (rotated) is in the
-    frame at distance d where |x| ≤ k (z + d), |y| ≤ k (z + d) with k = (1 - margin) tan(fov / 2), so d is the largest of
+    frame at distance d where |x| ≤ k (z + d), |y| ≤ k (z + d) with k = (1 - margin) tan(fov / 2), so d is the largest
+    of
     |x| / k - z and |y| / k - z over points and views; and no point comes nearer than `CLEARANCE`.
     """
     k = (1 - margin) * np.tan(np.deg2rad(field_of_view) / 2)
@@ -91,7 +92,8 @@ def project(points: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndar
 
 
 def unproject(pixels: np.ndarray, depth: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """Points (view, n, 3) of the unit frame at `pixels` (view, n, 2) and `depth` (view, n): the inverse of `project`."""
+    """Points (view, n, 3) of the unit frame at `pixels` (view, n, 2) and `depth` (view, n): the inverse of
+    `project`."""
     homogeneous = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
     camera = homogeneous @ np.linalg.inv(intrinsics).T * depth[..., None]
     return (camera - world_to_camera[:, None, :3, 3]) @ world_to_camera[:, :3, :3]

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 THIN = float(2.0**-23)
-"""A face whose height is at most this part of the shape's longest side is degenerate: float32 cannot tell it from a line."""
+"""A face whose height is at most this part of the shape's longest side is degenerate: float32 cannot tell it from a
+line."""
 
 
 @dataclass
 class Frame:
-    """The unit frame: `unit = (source - center) / scale` brings the bounding box's centre to 0 and its longest side to 1."""
+    """The unit frame: `unit = (source - center) / scale` brings the bounding box's centre to 0 and its longest side to
+    1."""
 
     center: np.ndarray
     """(3,) float64, source frame."""
@@ -47,11 +49,11 @@ class Clean:
 
 
 def clean(vertices: np.ndarray, faces: np.ndarray, shape: str) -> Clean:
-    """Drop faces that are non-finite, degenerate (a corner repeated, or no height) or duplicate (the same three places as an
-    earlier face, either way round), and find the unit frame of what remains.
+    """Drop faces that are non-finite, degenerate (a corner repeated, or no height) or duplicate (the same three places
+    as an earlier face, either way round), and find the unit frame of what remains.
 
-    `vertices` (v, 3) float64, source frame; `faces` (f, 3) int64 within them. Raises ValueError with the shape's name where
-    no face remains or the box has no finite extent.
+    `vertices` (v, 3) float64, source frame; `faces` (f, 3) int64 within them. Raises ValueError with the shape's name
+    where no face remains or the box has no finite extent.
     """
     finite = finite_rows(vertices)
     usable = finite[faces[:, 0]] & finite[faces[:, 1]] & finite[faces[:, 2]]
@@ -59,7 +61,9 @@ def clean(vertices: np.ndarray, faces: np.ndarray, shape: str) -> Clean:
     candidates = np.flatnonzero(usable & distinct)
     advice = "restore the mesh or remove the shape"
     if not len(candidates):
-        raise ValueError(f"{shape}: expected faces with an area, got {len(faces)} that are all degenerate or non-finite; {advice}")
+        raise ValueError(
+            f"{shape}: expected faces with an area, got {len(faces)} that are all degenerate or non-finite; {advice}"
+        )
 
     frame = check_frame(Frame.around(vertices[_used(faces[candidates], len(vertices))]), shape)
     solid = candidates[heights(frame.unit(vertices), faces[candidates]) > THIN]
@@ -92,9 +96,13 @@ def clean(vertices: np.ndarray, faces: np.ndarray, shape: str) -> Clean:
 def check_frame(frame: Frame, shape: str) -> Frame:
     """The frame itself. Raises ValueError where it has no extent, or one too large or too small for floating point."""
     if frame.scale == 0:
-        raise ValueError(f"{shape}: expected at least 2 distinct points, got all in one place; restore the file or remove the shape")
+        raise ValueError(
+            f"{shape}: expected at least 2 distinct points, got all in one place; restore the file or remove the shape"
+        )
     if not np.isfinite(frame.scale) or frame.scale < 1e-150 or frame.scale > 1e150:
-        raise ValueError(f"{shape}: expected a finite extent, got {frame.scale:g}; look for stray coordinates and export it again")
+        raise ValueError(
+            f"{shape}: expected a finite extent, got {frame.scale:g}; look for stray coordinates and export it again"
+        )
     return frame
 
 

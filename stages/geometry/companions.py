@@ -1,7 +1,8 @@
-"""Which other files a mesh file names: an OBJ its MTLs, an MTL its images, a PLY its textures, a glTF its buffers and images.
+"""Which other files a mesh file names: an OBJ its MTLs, an MTL its images, a PLY its textures, a glTF its buffers and
+images.
 
-Names are kept relative to the mesh file, with `/`; absolute ones (some exporters write `K:/images/…`) are dropped, so that
-no path of a machine is followed or enters an address. Standard library only: listing a data set reads these.
+Names are kept relative to the mesh file, with `/`; absolute ones (some exporters write `K:/images/…`) are dropped, so
+that no path of a machine is followed or enters an address. Standard library only: listing a data set reads these.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from urllib.parse import unquote
 
 MAP_OPTIONS = {b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1, b"-clamp": 1,
                b"-texres": 1, b"-imfchan": 1, b"-boost": 1, b"-type": 1}  # fmt: skip
-"""Options that may stand before the file name of `map_Kd`, and how many values each takes (at most, where it may vary)."""
+"""Options that may stand before the file name of `map_Kd`, and how many values each takes (at most, where it may
+vary)."""
 
 
 def material_files(obj: bytes) -> list[str]:
@@ -35,7 +37,8 @@ def ply_textures(ply: bytes) -> list[str]:
 
 
 def gltf_files(gltf: bytes) -> list[str]:
-    """The buffers and images a glTF (JSON) names, relative to it; embedded ones are none. Empty where it is not JSON."""
+    """The buffers and images a glTF (JSON) names, relative to it; embedded ones are none. Empty where it is not
+    JSON."""
     try:
         tree = json.loads(gltf)
         entries = [*tree.get("buffers", []), *tree.get("images", [])]
@@ -47,7 +50,9 @@ def gltf_files(gltf: bytes) -> list[str]:
 
 def image_name(line: bytes) -> bytes:
     """The file name of a `map_Kd` line: without the options before it and the comment behind it."""
-    line = re.split(rb"#[ \t]", line, maxsplit=1)[0].strip()  # files joined without a line end: `wood.jpg# Blender MTL File`
+    line = re.split(rb"#[ \t]", line, maxsplit=1)[
+        0
+    ].strip()  # files joined without a line end: `wood.jpg# Blender MTL File`
     tokens = line.split()
     while tokens and tokens[0].lower() in MAP_OPTIONS:
         values = MAP_OPTIONS[tokens.pop(0).lower()]

@@ -13,7 +13,8 @@ LARGEST = 1024
 
 
 def find(files: dict[str, bytes], name: str) -> bytes | None:
-    """The file called `name`; else the only one with its name in any folder and any case (exporters disagree on both)."""
+    """The file called `name`; else the only one with its name in any folder and any case (exporters disagree on
+    both)."""
     if name in files:
         return files[name]
     base = posixpath.basename(name).lower()
@@ -32,12 +33,15 @@ def decode(data: bytes) -> np.ndarray | None:
 
 
 def flatten(image: Image.Image, opaque: bool = False) -> np.ndarray:
-    """An image as (h, w, 3) uint8 of at most `LARGEST` a side, laid over white unless its alpha means nothing (`opaque`)."""
+    """An image as (h, w, 3) uint8 of at most `LARGEST` a side, laid over white unless its alpha means nothing
+    (`opaque`)."""
     has_alpha = image.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in image.info
     image = image.convert("RGBA" if has_alpha and not opaque else "RGB")
     if max(image.size) > LARGEST:
         ratio = LARGEST / max(image.size)
-        image = image.resize((max(1, round(image.width * ratio)), max(1, round(image.height * ratio))), Image.Resampling.BOX)
+        image = image.resize(
+            (max(1, round(image.width * ratio)), max(1, round(image.height * ratio))), Image.Resampling.BOX
+        )
     if image.mode == "RGBA":
         image = Image.alpha_composite(Image.new("RGBA", image.size, (255, 255, 255, 255)), image).convert("RGB")
     return np.array(image)

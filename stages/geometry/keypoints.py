@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from schemas.shape import Keypoints, NormalizedShape
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import NormalizedShape
 
 
 def check_keypoints(keypoints: Keypoints, shape: NormalizedShape, name: str = "the shape") -> None:

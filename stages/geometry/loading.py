@@ -1,11 +1,12 @@
-"""A shape's files (bytes) → Surface or Cloud in the source frame. Every failure is a ValueError that names the shape."""
+"""A shape's files (bytes) → Surface or Cloud in the source frame. Every failure is a ValueError that names the
+shape."""
 
 from __future__ import annotations
 
 import posixpath
 from collections.abc import Callable
 
-from stages.geometry.surface import Cloud, MalformedError, Surface
+from b23d.stages.geometry.surface import Cloud, MalformedError, Surface
 
 MESH_SUFFIXES = (".ply", ".obj", ".off", ".stl", ".glb", ".gltf")
 CLOUD_SUFFIXES = (".pcd", ".xyz", ".npz")
@@ -32,7 +33,9 @@ def load(shape: str, files: dict[str, bytes], name: str, colors: bool = True) ->
         loaded = reader(data, files, colors)
     except MalformedError as error:
         raise ValueError(f"{shape}: {name}: {error}") from error
-    except Exception as error:  # a library's reader, or ours on bytes nobody foresaw: whatever it raises, the file is at fault
+    except (
+        Exception
+    ) as error:  # a library's reader, or ours on bytes nobody foresaw: whatever it raises, the file is at fault
         raise ValueError(
             f"{shape}: expected a readable {suffix[1:]} file, got {type(error).__name__}: {error}; "
             f"open {name} in another program and export it again"
@@ -46,7 +49,7 @@ Reader = Callable[[bytes, dict[str, bytes], bool], Surface | Cloud]
 
 
 def _reader(suffix: str) -> Reader | None:
-    from stages.geometry import clouds, obj, off, ply, scenes
+    from b23d.stages.geometry import clouds, obj, off, ply, scenes
 
     readers: dict[str, Reader] = {
         ".obj": obj.read_obj,

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stages.geometry.sampling import OnSurface, place
+from b23d.stages.geometry.sampling import OnSurface, place
 
 CELL = 0.01
 """Side of the cells that faces are cut into, unit frame; larger where that would give more than `MOST` cells."""
 MOST = 500_000
 LIMIT = 2000
-"""A point with more anchors than this in reach (far from the mesh, or amid thousands of needles) looks only at the faces of
-its `NEIGHBOURS` nearest anchors: the face it gets is then near, not certainly the nearest."""
+"""A point with more anchors than this in reach (far from the mesh, or amid thousands of needles) looks only at the
+faces of its `NEIGHBOURS` nearest anchors: the face it gets is then near, not certainly the nearest."""
 NEIGHBOURS = 32
 
 
@@ -30,10 +30,11 @@ class Anchors:
 
 
 def nearest_on_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> tuple[OnSurface, np.ndarray]:
-    """The nearest place on the mesh to each point (n, 3), and its distance (n,) float64; of equally near faces the first.
+    """The nearest place on the mesh to each point (n, 3), and its distance (n,) float64; of equally near faces the
+    first.
 
-    Unit frame. The face of the nearest anchor gives an upper bound; a nearer face has an anchor within that bound and the
-    covering radius, so those faces, and no others, are measured exactly.
+    Unit frame. The face of the nearest anchor gives an upper bound; a nearer face has an anchor within that bound and
+    the covering radius, so those faces, and no others, are measured exactly.
     """
     points = points.astype(np.float64)
     if not len(points):
@@ -44,7 +45,9 @@ def nearest_on_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray
     bound = np.linalg.norm(_nearest(points, vertices, faces, anchors.faces[neighbours[:, 0]])[1] - points, axis=1)
     reach = bound + anchors.radius + 1e-9
     reach[tree.query_ball_point(points, reach, return_length=True) > LIMIT] = 0
-    near = [np.append(found, beside) for found, beside in zip(tree.query_ball_point(points, reach), neighbours, strict=True)]
+    near = [
+        np.append(found, beside) for found, beside in zip(tree.query_ball_point(points, reach), neighbours, strict=True)
+    ]
     owner = np.repeat(np.arange(len(points)), [len(found) for found in near])
     candidate = anchors.faces[np.concatenate(near).astype(np.int64)]
     pairs = np.unique(owner * len(faces) + candidate)  # by point, then by face
@@ -68,7 +71,11 @@ def cover(vertices: np.ndarray, faces: np.ndarray) -> Anchors:
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.einsum("fsx,fsx->fs", sides, sides).argmax(axis=1)
     every = np.arange(len(faces))
-    a, along, apex = corners[every, longest], sides[every, longest], corners[every, (longest + 2) % 3] - corners[every, longest]
+    a, along, apex = (
+        corners[every, longest],
+        sides[every, longest],
+        corners[every, (longest + 2) % 3] - corners[every, longest],
+    )
     length = np.linalg.norm(along, axis=1)
     along /= length[:, None]
     foot = np.einsum("fx,fx->f", apex, along)
@@ -93,8 +100,8 @@ def cover(vertices: np.ndarray, faces: np.ndarray) -> Anchors:
 def nearest_barycentrics(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Barycentric coordinates (n, 3) float64 of the nearest place to points[i] (n, 3) on triangles[i] (n, 3, 3).
 
-    The foot of the perpendicular where that lies inside, or the nearest place of the three edges, whichever is nearer (in
-    exact arithmetic the foot; on a triangle that is hardly one, the foot is not reliable).
+    The foot of the perpendicular where that lies inside, or the nearest place of the three edges, whichever is nearer
+    (in exact arithmetic the foot; on a triangle that is hardly one, the foot is not reliable).
     """
     p = points.astype(np.float64)
     a, b, c = (triangles[:, i].astype(np.float64) for i in range(3))
@@ -112,7 +119,10 @@ def nearest_barycentrics(points: np.ndarray, triangles: np.ndarray) -> np.ndarra
     choices[0] = np.stack([1 - v - w, v, w], axis=1)
     squared[0] = np.where(inside, _dot(offset, offset), np.inf)
     for i, (start, stop) in enumerate(((0, 1), (1, 2), (2, 0)), start=1):
-        origin, along = triangles[:, start].astype(np.float64), triangles[:, stop].astype(np.float64) - triangles[:, start]
+        origin, along = (
+            triangles[:, start].astype(np.float64),
+            triangles[:, stop].astype(np.float64) - triangles[:, start],
+        )
         length = _dot(along, along)
         t = np.clip(_dot(p - origin, along) / np.where(length > 0, length, 1), 0, 1)
         choices[i, :, start], choices[i, :, stop] = 1 - t, t
@@ -121,7 +131,9 @@ def nearest_barycentrics(points: np.ndarray, triangles: np.ndarray) -> np.ndarra
     return choices[squared.argmin(axis=0), np.arange(len(p))]
 
 
-def _nearest(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(
+    points: np.ndarray, vertices: np.ndarray, faces: np.ndarray, face: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Barycentrics and position (n, 3) of the nearest place to points[i] on face[i]."""
     triangles = vertices[faces[face]].astype(np.float64)
     barycentrics = nearest_barycentrics(points, triangles)

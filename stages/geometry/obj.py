@@ -1,5 +1,5 @@
-"""Wavefront OBJ and MTL. Our own reader because keypoint indices count `v` lines: trimesh splits a mesh by material and by
-texture seam, and renumbers its vertices."""
+"""Wavefront OBJ and MTL. Our own reader because keypoint indices count `v` lines: trimesh splits a mesh by material and
+by texture seam, and renumbers its vertices."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import posixpath
 
 import numpy as np
 
-from stages.geometry.companions import image_name, material_files, relative
-from stages.geometry.images import decode, find
-from stages.geometry.surface import Cloud, MalformedError, Material, Surface, check_faces, fans, to_uint8
-from stages.geometry.text import corners, numbers, plain, tokens_per_line, uncommented
+from b23d.stages.geometry.companions import image_name, material_files, relative
+from b23d.stages.geometry.images import decode, find
+from b23d.stages.geometry.surface import Cloud, MalformedError, Material, Surface, check_faces, fans, to_uint8
+from b23d.stages.geometry.text import corners, numbers, plain, tokens_per_line, uncommented
 
 Lines = tuple[np.ndarray, np.ndarray, np.ndarray]
 """All bytes (uint8), and where each line begins and ends (its line end included)."""
@@ -79,7 +79,9 @@ def _vertices(block: bytes) -> tuple[np.ndarray, np.ndarray | None]:
     values = numbers(block, "vertices")
     if len(values) != counts.sum() or (counts < 3).any():
         bad = int(np.argmax(counts < 3))
-        raise MalformedError(f"vertex {bad}: expected 3 coordinates, got {counts[bad] if len(counts) else 0}; export the mesh again")
+        raise MalformedError(
+            f"vertex {bad}: expected 3 coordinates, got {counts[bad] if len(counts) else 0}; export the mesh again"
+        )
     starts = np.cumsum(counts) - counts
     positions = values[starts[:, None] + np.arange(3)]
     if not len(counts) or (counts < 6).any():
@@ -98,12 +100,15 @@ def _uvs(block: bytes) -> np.ndarray:
 
 
 def _absolute(index: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Zero-based indices from OBJ's: 1 is the first, -1 the last one `seen` before that line; 0 means none and becomes -1."""
+    """Zero-based indices from OBJ's: 1 is the first, -1 the last one `seen` before that line; 0 means none and becomes
+    -1."""
     absolute = np.where(index < 0, seen + index, index - 1)
     return np.where((index < 0) & (absolute < 0), -(2**40), absolute)  # before the first: keep it out of range
 
 
-def _materials(surface: Surface, text: bytes, lines: Lines, chosen: np.ndarray, face_line: np.ndarray, files: dict[str, bytes]) -> None:
+def _materials(
+    surface: Surface, text: bytes, lines: Lines, chosen: np.ndarray, face_line: np.ndarray, files: dict[str, bytes]
+) -> None:
     """Set materials and face_materials from the `usemtl` lines and the MTL files."""
     _, begins, ends = lines
     uses = [line for line in np.flatnonzero(chosen) if text.startswith(b"usemtl", begins[line])]

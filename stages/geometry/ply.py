@@ -1,5 +1,5 @@
-"""PLY, ASCII and binary, with mixed polygons, vertex or corner texture coordinates. Our own reader because trimesh renumbers
-the vertices of textured files and refuses binary files that mix triangles and quads (Blender's)."""
+"""PLY, ASCII and binary, with mixed polygons, vertex or corner texture coordinates. Our own reader because trimesh
+renumbers the vertices of textured files and refuses binary files that mix triangles and quads (Blender's)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stages.geometry.companions import ply_textures
-from stages.geometry.images import decode, find
-from stages.geometry.surface import Cloud, MalformedError, Material, Surface, check_faces, fans, to_uint8, unique_colors
-from stages.geometry.text import integers, numbers, plain, uncommented
+from b23d.stages.geometry.companions import ply_textures
+from b23d.stages.geometry.images import decode, find
+from b23d.stages.geometry.surface import (
+    Cloud,
+    MalformedError,
+    Material,
+    Surface,
+    check_faces,
+    fans,
+    to_uint8,
+    unique_colors,
+)
+from b23d.stages.geometry.text import integers, numbers, plain, uncommented
 
 TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
          "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
@@ -37,8 +46,8 @@ class Element:
 
 @dataclass
 class Body:
-    """What follows the header: bytes (uint8) of a binary file; numbers (float64) of an ASCII one, where every value takes one
-    place whatever its type."""
+    """What follows the header: bytes (uint8) of a binary file; numbers (float64) of an ASCII one, where every value
+    takes one place whatever its type."""
 
     data: np.ndarray
     ascii: bool
@@ -50,7 +59,9 @@ class Body:
     def read(self, at: np.ndarray, kind: np.dtype, element: Element) -> np.ndarray:
         """The values that begin at these places. Raises MalformedError where the file ends before."""
         if len(at) and at.max() + self.size(kind) > len(self.data):
-            raise MalformedError(f"{element.name}: expected {element.rows} rows, got a file that ends before; copy or export it again")
+            raise MalformedError(
+                f"{element.name}: expected {element.rows} rows, got a file that ends before; copy or export it again"
+            )
         if self.ascii:
             return self.data[at]
         return np.ascontiguousarray(self.data[at[:, None] + np.arange(kind.itemsize)]).view(kind)[:, 0]
@@ -76,7 +87,9 @@ def read_ply(data: bytes, files: dict[str, bytes], colors: bool) -> Surface | Cl
     surface = Surface(vertices, integers(index.astype(np.float64), "faces")[triangles], vertex_colors)
     check_faces(surface.faces, len(vertices))
     if colors:
-        _texture(surface, vertex, face, triangles, polygon, len(index), [find(files, name) for name in ply_textures(data)])
+        _texture(
+            surface, vertex, face, triangles, polygon, len(index), [find(files, name) for name in ply_textures(data)]
+        )
     return surface
 
 
@@ -84,7 +97,9 @@ def _header(data: bytes) -> tuple[list[Element], Body]:
     end = re.search(rb"(?m)^end_header[ \t]*(\r\n|\n|\r)", data)
     head = data[: end.start()].decode("latin-1").splitlines() if end else []
     if end is None or not head or head[0].strip() != "ply":
-        raise MalformedError("header: expected `ply` … `end_header`, got something else; is it a PLY file, and complete?")
+        raise MalformedError(
+            "header: expected `ply` … `end_header`, got something else; is it a PLY file, and complete?"
+        )
     order, ascii_body = "<", False
     elements: list[Element] = []
     for line in head[1:]:
@@ -100,7 +115,9 @@ def _header(data: bytes) -> tuple[list[Element], Body]:
             elif words[:1] == ["property"]:
                 elements[-1].properties.append(Property(words[2], np.dtype(order + TYPES[words[1]])))
         except (IndexError, KeyError, ValueError) as error:
-            raise MalformedError(f"header: expected a PLY header line, got {line[:60]!r}; export the file again") from error
+            raise MalformedError(
+                f"header: expected a PLY header line, got {line[:60]!r}; export the file again"
+            ) from error
     if ascii_body:
         return elements, Body(numbers(uncommented(plain(data[end.end() :])), "data"), True)
     return elements, Body(np.frombuffer(data, np.uint8)[end.end() :], False)
@@ -110,7 +127,9 @@ def _rows(element: Element, body: Body) -> tuple[dict[str, np.ndarray | Lists], 
     """The properties of one element, and the rest of the body. Raises MalformedError."""
     smallest = sum(body.size(p.count or p.type) for p in element.properties)
     if element.rows < 0 or element.rows * smallest > len(body.data):
-        raise MalformedError(f"{element.name}: expected {element.rows} rows, got a file that ends before; copy or export it again")
+        raise MalformedError(
+            f"{element.name}: expected {element.rows} rows, got a file that ends before; copy or export it again"
+        )
     if not element.rows or not smallest:
         return {}, body
     starts = _starts(element, body)
@@ -123,10 +142,15 @@ def _rows(element: Element, body: Body) -> tuple[dict[str, np.ndarray | Lists], 
         else:
             counts = integers(body.read(at, prop.count, element).astype(np.float64), element.name)
             if (counts < 0).any() or counts.sum() > len(body.data):
-                raise MalformedError(f"{element.name}: expected short lists, got one of {counts.max()}; copy or export the file again")
+                raise MalformedError(
+                    f"{element.name}: expected short lists, got one of {counts.max()}; copy or export the file again"
+                )
             at = at + body.size(prop.count)
             within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-            table[prop.name] = counts, body.read(np.repeat(at, counts) + within * body.size(prop.type), prop.type, element)
+            table[prop.name] = (
+                counts,
+                body.read(np.repeat(at, counts) + within * body.size(prop.type), prop.type, element),
+            )
             at = at + counts * body.size(prop.type)
     return table, Body(body.data[at[-1] :], body.ascii)
 
@@ -134,8 +158,9 @@ def _rows(element: Element, body: Body) -> tuple[dict[str, np.ndarray | Lists], 
 def _starts(element: Element, body: Body) -> np.ndarray:
     """Where each row begins: (rows,) int64.
 
-    Rows with lists have no fixed length. If all are as long as the first, that is quickly seen. If not, `after` says for
-    every place where a row that began there would end; squaring it finds all rows in log2(rows) steps, not one by one.
+    Rows with lists have no fixed length. If all are as long as the first, that is quickly seen. If not, `after` says
+    for every place where a row that began there would end; squaring it finds all rows in log2(rows) steps, not one by
+    one.
     """
     starts = np.arange(element.rows) * int(_ends(element, body, np.zeros(1, np.int64))[0])
     if starts[-1] < len(body.data) and (_ends(element, body, starts) == starts + starts[min(1, len(starts) - 1)]).all():
@@ -149,7 +174,8 @@ def _starts(element: Element, body: Body) -> np.ndarray:
 
 
 def _ends(element: Element, body: Body, starts: np.ndarray) -> np.ndarray:
-    """Where rows that begin at `starts` would end, at most the body's end; lengths of lists that make no sense count as 0."""
+    """Where rows that begin at `starts` would end, at most the body's end; lengths of lists that make no sense count as
+    0."""
     last = len(body.data)
     at = starts
     for prop in element.properties:
@@ -195,11 +221,17 @@ def _texture(
     elif images:
         for names in (("texture_u", "texture_v"), ("u", "v"), ("s", "t")):
             if all(isinstance(vertex.get(name), np.ndarray) for name in names):
-                surface.face_uvs = np.stack([_column(vertex, name) for name in names], axis=1).astype(np.float64)[surface.faces]
+                surface.face_uvs = np.stack([_column(vertex, name) for name in names], axis=1).astype(np.float64)[
+                    surface.faces
+                ]
                 break
     if surface.face_uvs is not None:
         number = face.get("texnumber")
-        of_polygon = integers(number.astype(np.float64), "texnumber") if isinstance(number, np.ndarray) else np.zeros(len(polygon), int)
+        of_polygon = (
+            integers(number.astype(np.float64), "texnumber")
+            if isinstance(number, np.ndarray)
+            else np.zeros(len(polygon), int)
+        )
         of_face = of_polygon[polygon]
         surface.face_materials = np.where(of_face < len(images), of_face, -1)
     elif surface.vertex_colors is None and (face_colors := _colors(face)) is not None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.geometry.cleaning import areas
+from b23d.stages.geometry.cleaning import areas
 
 DENSITY = 10
 """Random surface points drawn for each farthest-point sample wanted."""

@@ -9,8 +9,17 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import Resolver
 
-from stages.geometry.images import find, flatten
-from stages.geometry.surface import GREY, Cloud, MalformedError, Material, Surface, check_faces, to_uint8, unique_colors
+from b23d.stages.geometry.images import find, flatten
+from b23d.stages.geometry.surface import (
+    GREY,
+    Cloud,
+    MalformedError,
+    Material,
+    Surface,
+    check_faces,
+    to_uint8,
+    unique_colors,
+)
 
 
 class Files(Resolver):
@@ -36,7 +45,8 @@ class Files(Resolver):
 
 
 def read_scene(data: bytes, kind: str, files: dict[str, bytes], colors: bool) -> Surface | Cloud:
-    """All meshes of a scene, in the order of the file's geometries; its points, where it has no mesh. Raises MalformedError.
+    """All meshes of a scene, in the order of the file's geometries; its points, where it has no mesh. Raises
+    MalformedError.
 
     Mirroring transforms turn the winding, so that outward faces stay outward.
     """
@@ -44,10 +54,16 @@ def read_scene(data: bytes, kind: str, files: dict[str, bytes], colors: bool) ->
     order = {name: i for i, name in enumerate(scene.geometry)}
     nodes = sorted(scene.graph.nodes_geometry, key=lambda node: (order.get(scene.graph[node][1], -1), str(node)))
     parts = [(scene.geometry[scene.graph[node][1]], np.asarray(scene.graph[node][0], np.float64)) for node in nodes]
-    meshes = [_part(mesh, matrix, colors) for mesh, matrix in parts if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
+    meshes = [
+        _part(mesh, matrix, colors) for mesh, matrix in parts if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)
+    ]
     if meshes:
         return meshes[0] if len(meshes) == 1 else merge(meshes)
-    clouds = [(_moved(g.vertices, matrix), _cloud_colors(g) if colors else None) for g, matrix in parts if hasattr(g, "vertices")]
+    clouds = [
+        (_moved(g.vertices, matrix), _cloud_colors(g) if colors else None)
+        for g, matrix in parts
+        if hasattr(g, "vertices")
+    ]
     if not clouds:
         raise MalformedError("scene: expected a mesh or points, got neither; export the shape again")
     points = np.concatenate([points for points, _ in clouds])
@@ -66,9 +82,13 @@ def merge(parts: list[Surface]) -> Surface:
     firsts = np.cumsum([0] + [len(part.materials) for part in parts])
     if whole.materials:
         none = [np.full(len(part.faces), -1) if part.face_materials is None else part.face_materials for part in parts]
-        whole.face_materials = np.concatenate([np.where(m < 0, -1, m + first) for m, first in zip(none, firsts[:-1], strict=True)])
+        whole.face_materials = np.concatenate(
+            [np.where(m < 0, -1, m + first) for m, first in zip(none, firsts[:-1], strict=True)]
+        )
     if any(part.face_uvs is not None for part in parts):
-        absent = [np.full((len(part.faces), 3, 2), np.nan) if part.face_uvs is None else part.face_uvs for part in parts]
+        absent = [
+            np.full((len(part.faces), 3, 2), np.nan) if part.face_uvs is None else part.face_uvs for part in parts
+        ]
         whole.face_uvs = np.concatenate(absent)
     if any(part.vertex_colors is not None for part in parts):
         whole.vertex_colors = np.concatenate([_vertex_colors(part) for part in parts])
@@ -105,11 +125,16 @@ def _appearance(surface: Surface, visual: Any) -> None:
 
 
 def _material(material: Any) -> Material:
-    """glTF's metallic-roughness material: base colour times base texture. The factor is linear light, the texture sRGB."""
+    """glTF's metallic-roughness material: base colour times base texture. The factor is linear light, the texture
+    sRGB."""
     factor = getattr(material, "baseColorFactor", None)
     image = getattr(material, "baseColorTexture", None)
     opaque = getattr(material, "alphaMode", None) in (None, "OPAQUE")
-    linear = None if factor is None else np.asarray(factor, np.float64)[:3] / (255 if np.asarray(factor).dtype == np.uint8 else 1)
+    linear = (
+        None
+        if factor is None
+        else np.asarray(factor, np.float64)[:3] / (255 if np.asarray(factor).dtype == np.uint8 else 1)
+    )
     if image is not None:
         pixels = flatten(image, opaque)
         if linear is not None and (linear < 1).any():

@@ -37,7 +37,8 @@ class Surface:
     face_materials: np.ndarray | None = None
     """(f,) int64 index into materials, -1 for none."""
     face_uvs: np.ndarray | None = None
-    """(f, 3, 2) float64 texture coordinates of the corners, origin at the lower left, 1 = one repeat; NaN where absent."""
+    """(f, 3, 2) float64 texture coordinates of the corners, origin at the lower left, 1 = one repeat; NaN where
+    absent."""
     problems: dict[str, int] = field(default_factory=dict)
     """What could not be read but does no harm, counted: missing_textures, …"""
 
@@ -57,8 +58,8 @@ class Cloud:
 def fans(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cut polygons, given as runs of corners one after another, into fans of triangles.
 
-    `counts` (p,): corners of each polygon; those with fewer than 3 give no triangle. Returns the corners of each triangle
-    (t, 3), as indices into all corners, and the polygon of each triangle (t,).
+    `counts` (p,): corners of each polygon; those with fewer than 3 give no triangle. Returns the corners of each
+    triangle (t, 3), as indices into all corners, and the polygon of each triangle (t,).
     """
     triangles = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), triangles)
@@ -68,7 +69,8 @@ def fans(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_faces(faces: np.ndarray, vertices: int) -> None:
-    """Raise MalformedError where a face names a vertex that does not exist, before anything else touches the indices."""
+    """Raise MalformedError where a face names a vertex that does not exist, before anything else touches the
+    indices."""
     wrong = ((faces < 0) | (faces >= vertices)).any(axis=1)
     if wrong.any():
         first = int(np.argmax(wrong))
@@ -80,7 +82,8 @@ def check_faces(faces: np.ndarray, vertices: int) -> None:
 
 
 def to_uint8(colors: np.ndarray) -> np.ndarray:
-    """Colours as uint8: floats that stay within [0, 1] are scaled, integers and 0…255 floats kept; 16-bit integers shifted."""
+    """Colours as uint8: floats that stay within [0, 1] are scaled, integers and 0…255 floats kept; 16-bit integers
+    shifted."""
     colors = np.nan_to_num(np.asarray(colors), nan=0.0, posinf=255.0, neginf=0.0)
     if colors.dtype == np.uint8:
         return colors

@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 
-from stages.geometry.surface import MalformedError
+from b23d.stages.geometry.surface import MalformedError
 
 SPACE, NEWLINE, SLASH = b" "[0], b"\n"[0], b"/"[0]
 
@@ -41,7 +41,9 @@ def numbers(text: bytes, what: str) -> np.ndarray:
             return np.fromstring(text.decode("ascii"), dtype=np.float64, sep=" ")
     except (ValueError, DeprecationWarning) as error:
         odd = next((token for token in text.split() if not _is_number(token)), b"?")
-        raise MalformedError(f"{what}: expected numbers, got {odd[:40].decode('ascii', 'replace')!r}; export the file again") from error
+        raise MalformedError(
+            f"{what}: expected numbers, got {odd[:40].decode('ascii', 'replace')!r}; export the file again"
+        ) from error
 
 
 def integers(values: np.ndarray, what: str) -> np.ndarray:
@@ -62,7 +64,8 @@ def tokens_per_line(text: bytes) -> np.ndarray:
 
 
 def corners(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """OBJ corners `v`, `v/vt`, `v//vn`, `v/vt/vn`, mixed at will: the v (c,) int64, and the vt (c,) int64, 0 where absent."""
+    """OBJ corners `v`, `v/vt`, `v//vn`, `v/vt/vn`, mixed at will: the v (c,) int64, and the vt (c,) int64, 0 where
+    absent."""
     if b"/" not in text:
         first = integers(numbers(text, what), what)
         return first, np.zeros(len(first), np.int64)
@@ -79,7 +82,9 @@ def corners(text: bytes, what: str) -> tuple[np.ndarray, np.ndarray]:
     has = np.unique(token[in_second])
     values = integers(numbers(np.where(in_second, buffer, SPACE).astype(np.uint8).tobytes(), what), what)
     if len(first) != begins.sum() or len(has) != len(values):
-        raise MalformedError(f"{what}: expected corners like 1, 1/2, 1//3 or 1/2/3, got something else; export the file again")
+        raise MalformedError(
+            f"{what}: expected corners like 1, 1/2, 1//3 or 1/2/3, got something else; export the file again"
+        )
     second[has] = values
     return first, second
 

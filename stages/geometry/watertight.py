@@ -1,10 +1,11 @@
-"""Any triangle soup → one closed, oriented, manifold surface a hair outside of it, as the paper prepares meshes for its descriptors.
+"""Any triangle soup → one closed, oriented, manifold surface a hair outside of it, as the paper prepares meshes for its
+descriptors.
 
-After ManifoldPlus (Huang, Zhou, Guibas 2020): the boundary of what the outside reaches, moved back to the surface. Here that boundary
-is a level of the distance to the soup, on a grid, cut by marching tetrahedra (Doi and Koide 1991), whose result is a manifold whatever
-the field; manifold3d then takes away the vertices that flat places do not need, and keeps it one. No kept library does all of it:
-manifold3d refuses soups; point-cloud-utils' port of Manifold (2018) did not come back from a single triangle within ten minutes and
-lies half a cell off; pymeshlab is GPL.
+After ManifoldPlus (Huang, Zhou, Guibas 2020): the boundary of what the outside reaches, moved back to the surface. Here
+that boundary is a level of the distance to the soup, on a grid, cut by marching tetrahedra (Doi and Koide 1991), whose
+result is a manifold whatever the field; manifold3d then takes away the vertices that flat places do not need, and keeps
+it one. No kept library does all of it: manifold3d refuses soups; point-cloud-utils' port of Manifold (2018) did not
+come back from a single triangle within ten minutes and lies half a cell off; pymeshlab is GPL.
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ import numpy as np
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
-from stages.geometry.cleaning import THIN, heights
-from stages.geometry.nearest import cover, nearest_on_faces
+from b23d.stages.geometry.cleaning import THIN, heights
+from b23d.stages.geometry.nearest import cover, nearest_on_faces
 
 LEAK = np.sqrt(3) / 2
-"""Level, in cells. The longest edge of the tetrahedra is √3 cells: whatever edge crosses a face has an end nearer than this."""
+"""Level, in cells. The longest edge of the tetrahedra is √3 cells: whatever edge crosses a face has an end nearer than
+this."""
 SKIN = 0.1
 """How far the result stays off the soup, in cells: the two sides of a sheet without thickness do not touch."""
 REST = 0.05
@@ -32,11 +34,12 @@ TETRAHEDRA = np.array([[0, 4, 6, 7], [0, 4, 5, 7], [0, 2, 6, 7], [0, 2, 3, 7], [
 
 
 def watertight(vertices: np.ndarray, faces: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
-    """A closed surface around a soup: (v, 3) float32, (f, 3) int32; every edge is in exactly two faces, once each way, normals point out.
+    """A closed surface around a soup: (v, 3) float32, (f, 3) int32; every edge is in exactly two faces, once each way,
+    normals point out.
 
-    vertices (v, 3), faces (f, 3) with an area each, unit frame; `resolution`: grid cells along the longest side. What is
-    inside, and cannot be seen from without, is gone; gaps and holes narrower than some 1.7 cells are closed; an open sheet
-    becomes a thin solid. Vertices lie within a fifth of a cell of the soup; flat places have few. Deterministic.
+    vertices (v, 3), faces (f, 3) with an area each, unit frame; `resolution`: grid cells along the longest side. What
+    is inside, and cannot be seen from without, is gone; gaps and holes narrower than some 1.7 cells are closed; an open
+    sheet becomes a thin solid. Vertices lie within a fifth of a cell of the soup; flat places have few. Deterministic.
     """
     cell = 1.0 / resolution
     used = vertices[np.unique(faces)].astype(np.float64)
@@ -53,13 +56,17 @@ def watertight(vertices: np.ndarray, faces: np.ndarray, resolution: int) -> tupl
 
 
 def _simplified(points: np.ndarray, triangles: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """The closed surface with some twentieth of its faces; as it is where that cannot be had without degenerate ones."""
+    """The closed surface with some twentieth of its faces; as it is where that cannot be had without degenerate
+    ones."""
     from manifold3d import Manifold, Mesh
 
     whole = Manifold(Mesh(points, triangles.astype(np.uint32)))
     for tolerance in FLAT:
         made = whole.simplify(tolerance * cell).to_mesh()
-        vertices, faces = np.asarray(made.vert_properties, np.float32)[:, :3], np.asarray(made.tri_verts).astype(np.int32)
+        vertices, faces = (
+            np.asarray(made.vert_properties, np.float32)[:, :3],
+            np.asarray(made.tri_verts).astype(np.int32),
+        )
         if len(faces) and heights(vertices.astype(np.float64), faces).min() > THIN:
             return np.ascontiguousarray(vertices), faces
     return points, triangles
@@ -74,7 +81,8 @@ def uneven_edges(faces: np.ndarray) -> int:
 def _level(
     vertices: np.ndarray, faces: np.ndarray, origin: np.ndarray, size: tuple[int, ...], cell: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which grid nodes the outside does not reach, (x·y·z,) bool, and each node's height above the level in cells, float64.
+    """Which grid nodes the outside does not reach, (x·y·z,) bool, and each node's height above the level in cells,
+    float64.
 
     Heights are approximate but where they decide the sign: the vertices they place are put right afterwards.
     """
@@ -83,7 +91,9 @@ def _level(
     nodes = origin + np.stack(np.unravel_index(np.arange(np.prod(size)), size), axis=1) * cell
     reach = level + anchors.radius + 2 * cell
     distance = np.minimum(cKDTree(anchors.points).query(nodes, distance_upper_bound=reach)[0], reach)
-    unsure = np.flatnonzero((distance >= level) & (distance < level + anchors.radius))  # anchors are never nearer than the faces
+    unsure = np.flatnonzero(
+        (distance >= level) & (distance < level + anchors.radius)
+    )  # anchors are never nearer than the faces
     distance[unsure] = nearest_on_faces(nodes[unsure], vertices, faces)[1]
     step = np.ones((3, 3, 3), bool)  # along the tetrahedra's edges: no two axes in opposite directions
     offsets = np.stack(np.unravel_index(np.arange(27), (3, 3, 3)), axis=1) - 1
@@ -92,8 +102,11 @@ def _level(
     return regions != regions[0], np.abs(distance - level) / cell
 
 
-def _marching_tetrahedra(inside: np.ndarray, height: np.ndarray, size: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) float64 in cells and faces (f, 3) int32 of the surface between the nodes inside and those outside."""
+def _marching_tetrahedra(
+    inside: np.ndarray, height: np.ndarray, size: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (v, 3) float64 in cells and faces (f, 3) int32 of the surface between the nodes inside and those
+    outside."""
     at = np.stack(np.meshgrid(*(np.arange(n - 1) for n in size), indexing="ij"), axis=-1).reshape(-1, 3)
     strides = np.array([size[1] * size[2], size[2], 1])
     corners = (at @ strides)[:, None] + CORNERS @ strides

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from stages.heads.detector import probabilities
-from stages.heads.inputs import Example
-from stages.heads.training import Options, train
+from b23d.stages.heads.detector import probabilities
+from b23d.stages.heads.inputs import Example
+from b23d.stages.heads.training import Options, train
 
 
 def held_out_peaks(examples: Sequence[Example], ids: np.ndarray, options: Options) -> npt.NDArray[np.float32]:
-    """Largest probability of each id on each shot by a detector trained on the others, (shot, k); NaN where those lack the id."""
+    """Largest probability of each id on each shot by a detector trained on the others, (shot, k); NaN where those lack
+    the id."""
     peaks = np.full((len(examples), len(ids)), np.nan, np.float32)
     for i, one in enumerate(examples):
         others = [*examples[:i], *examples[i + 1 :]]
@@ -26,9 +27,9 @@ def held_out_peaks(examples: Sequence[Example], ids: np.ndarray, options: Option
 def threshold(peaks: np.ndarray, has: np.ndarray) -> float:
     """The probability that best separates ids that a shot has from those that it lacks; all ids and shots together.
 
-    peaks: (shot, k), NaN where not known. has: (shot, k) bool. Best: most right judgements, and of equally good thresholds the
-    lowest, since a keypoint missed costs as much as one too many, and few are absent. Halfway between the two peaks it parts;
-    0 (everything is present) where nothing is gained by parting.
+    peaks: (shot, k), NaN where not known. has: (shot, k) bool. Best: most right judgements, and of equally good
+    thresholds the lowest, since a keypoint missed costs as much as one too many, and few are absent. Halfway between
+    the two peaks it parts; 0 (everything is present) where nothing is gained by parting.
     """
     known = np.isfinite(peaks)
     values, present = peaks[known].astype(np.float64), has[known]

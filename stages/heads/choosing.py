@@ -9,8 +9,8 @@ import numpy.typing as npt
 def choose(likely: np.ndarray, lengths: np.ndarray, apart: float) -> npt.NDArray[np.int64]:
     """The candidate of each id, (k,): its most probable one, the first of equals.
 
-    likely: (n, k). lengths: (n, n). apart > 0: ids choose in the order of their largest probability, and a candidate within
-    `apart` of a chosen one is taken; an id that finds all taken keeps its most probable one.
+    likely: (n, k). lengths: (n, n). apart > 0: ids choose in the order of their largest probability, and a candidate
+    within `apart` of a chosen one is taken; an id that finds all taken keeps its most probable one.
     """
     best = likely.argmax(0)
     if apart == 0:

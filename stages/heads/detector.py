@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from schemas.head import KeypointHead
+from b23d.schemas.head import KeypointHead
 
 
 @dataclass(frozen=True)
 class Detector:
-    """logits = hidden(x) @ weights + biases with x = (input − mean) / scale; all float32, shapes as in `KeypointHead`."""
+    """logits = hidden(x) @ weights + biases with x = (input − mean) / scale; all float32, shapes as in
+    `KeypointHead`."""
 
     ids: np.ndarray
     mean: np.ndarray

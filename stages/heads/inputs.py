@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.shape import Keypoints, NormalizedShape
-from stages.geometry.keypoints import keypoint_candidates
-from stages.solvers.scaling import FeatureScale, scale_distances, scale_features
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.geometry.keypoints import keypoint_candidates
+from b23d.stages.solvers.scaling import FeatureScale, scale_distances, scale_features
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,19 @@ class Example:
 
 
 def shape_inputs(
-    name: str, shape: NormalizedShape, features: PointFeatures, distances: GeodesicDistances, how: FeatureScale, context: float
+    name: str,
+    shape: NormalizedShape,
+    features: PointFeatures,
+    distances: GeodesicDistances,
+    how: FeatureScale,
+    context: float,
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-    """Inputs (n, input) of a shape's candidates, and their distances (n, n) in units of the largest, +inf where no path joins two.
+    """Inputs (n, input) of a shape's candidates, and their distances (n, n) in units of the largest, +inf where no path
+    joins two.
 
-    An input is the scaled feature, followed, where context > 0, by the mean feature of the geodesic neighbourhood: weights
-    exp(−d² / 2 context²), the point itself included. Raises ValueError, naming the shape: not n of them, or not finite.
+    An input is the scaled feature, followed, where context > 0, by the mean feature of the geodesic neighbourhood:
+    weights exp(−d² / 2 context²), the point itself included. Raises ValueError, naming the shape: not n of them, or not
+    finite.
     """
     n = len(shape.points)
     if len(features.features) != n or len(distances.distances) != n:
@@ -42,7 +50,9 @@ def shape_inputs(
             "re-run reweight and geodesic"
         )
     if not np.isfinite(features.features).all():
-        raise ValueError(f"{name}: expected finite features, got NaN or infinity ({features.descriptor}); check the descriptor")
+        raise ValueError(
+            f"{name}: expected finite features, got NaN or infinity ({features.descriptor}); check the descriptor"
+        )
     own = scale_features(features.features, how, features.observed)
     lengths = scale_distances(distances.distances, "largest")
     if context == 0:
@@ -61,8 +71,8 @@ def example(
     context: float,
     sigma: float,
 ) -> Example:
-    """A shot with its heat maps exp(−d² / 2 sigma²), d from the keypoint's candidate. Raises as `shape_inputs`, and for a keypoint
-    beyond the cloud."""
+    """A shot with its heat maps exp(−d² / 2 sigma²), d from the keypoint's candidate. Raises as `shape_inputs`, and for
+    a keypoint beyond the cloud."""
     inputs, lengths = shape_inputs(name, shape, features, distances, how, context)
     at = keypoint_candidates(keypoints, shape, name) if len(keypoints.ids) else np.zeros(0, np.int64)
     return Example(inputs, keypoints.ids, gaussian(lengths[:, at], sigma))
@@ -79,4 +89,6 @@ def check_examples(examples: list[Example]) -> None:
         raise ValueError("shots: expected at least one keypoint, got none; annotate the shots")
     widths = sorted({one.inputs.shape[1] for one in examples})
     if len(widths) > 1:
-        raise ValueError(f"shots: expected features with as many channels in every shot, got inputs of {widths}; use one encoder for all")
+        raise ValueError(
+            f"shots: expected features with as many channels in every shot, got inputs of {widths}; use one encoder for all"
+        )

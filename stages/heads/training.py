@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from stages.heads.detector import Detector
-from stages.heads.inputs import Example
+from b23d.stages.heads.detector import Detector
+from b23d.stages.heads.inputs import Example
 
 LEAST = 1e-6
 
@@ -28,8 +28,8 @@ class Options:
 def train(examples: Sequence[Example], options: Options) -> Detector:
     """A detector of every id of the examples; the same for the same inputs and seed (in one thread).
 
-    Loss: for every example and id, the cross-entropy between probabilities and heat map, where the map's mass and the rest each
-    weigh one half; an id that the example lacks has its whole weight on the rest. Mean over examples and ids.
+    Loss: for every example and id, the cross-entropy between probabilities and heat map, where the map's mass and the
+    rest each weigh one half; an id that the example lacks has its whole weight on the rest. Mean over examples and ids.
     """
     ids = np.unique(np.concatenate([one.ids for one in examples])).astype(np.int32)
     stacked = np.concatenate([one.inputs for one in examples])
@@ -69,7 +69,8 @@ def train(examples: Sequence[Example], options: Options) -> Detector:
 
 
 def principal(standard: np.ndarray, components: int) -> npt.NDArray[np.float32]:
-    """The leading principal directions of (n, input) rows, (input, components), divided by the first one's standard deviation."""
+    """The leading principal directions of (n, input) rows, (input, components), divided by the first one's standard
+    deviation."""
     values, vectors = np.linalg.eigh(standard.T @ standard / len(standard))
     leading = vectors[:, ::-1][:, :components]
     largest = np.sqrt(max(float(values[-1]), LEAST))

@@ -40,7 +40,7 @@ def renderer(name: RendererName) -> Rasterize:
     Raises RuntimeError where a library that it needs cannot be loaded.
     """
     try:
-        rasterize: Rasterize = import_module(f"stages.renderers.{name}").rasterize
+        rasterize: Rasterize = import_module(f"b23d.stages.renderers.{name}").rasterize
     except (ImportError, AttributeError, OSError) as error:  # PyOpenGL without libEGL raises any of them
         raise RuntimeError(
             f"renderer {name}: expected its library to load, got {type(error).__name__}: {error}; "

@@ -43,18 +43,22 @@ class Discs:
     faces: np.ndarray
     """(6 n, 3) int32"""
     normals: np.ndarray
-    """(7 n, 3) float32 unit normals at the vertices; of one orientation within a disc, of arbitrary sign between discs."""
+    """(7 n, 3) float32 unit normals at the vertices; of one orientation within a disc, of arbitrary sign between
+    discs."""
     sources: np.ndarray
     """(7 n,) int32: the point each vertex takes its colour from."""
 
 
 def discs(points: np.ndarray, neighbours: int, radius: float) -> Discs:
-    """Discs at `points` (n, 3): reaching at most `radius` times the local spacing, from the `neighbours` nearest points.
+    """Discs at `points` (n, 3): reaching at most `radius` times the local spacing, from the `neighbours` nearest
+    points.
 
     Raises ValueError where there are fewer than 4 points.
     """
     if len(points) < 4:
-        raise ValueError(f"point cloud: expected at least 4 points to see a surface in, got {len(points)}; give a denser cloud")
+        raise ValueError(
+            f"point cloud: expected at least 4 points to see a surface in, got {len(points)}; give a denser cloud"
+        )
     points = np.asarray(points, np.float64)
     distances, indices = cKDTree(points).query(points, min(neighbours, len(points) - 1) + 1)
     own = distances[:, min(SPACING_NEIGHBOUR, distances.shape[1] - 1)]
@@ -107,7 +111,8 @@ def _vote(offsets: np.ndarray, near: np.ndarray) -> np.ndarray:
 def _polygons(
     offsets: np.ndarray, indices: np.ndarray, normals: np.ndarray, radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centre and corners (n, 7, 3) relative to the point in units of its spacing, normals there, and points they come from."""
+    """Centre and corners (n, 7, 3) relative to the point in units of its spacing, normals there, and points they come
+    from."""
     owner, own = indices[:, 0], normals[indices[:, 0]]
     sector, reach, height = _polar(offsets, own)
     inside = (np.abs(height) < SHEET_TOLERANCE) & (reach < radius)
@@ -142,8 +147,8 @@ def _polar(offsets: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _aligned(corner_normals: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (n, corner, 3) turned to the side of the disc's own, and which (n, corner, 1) are of another face (over 45°
-    away): these are replaced by the disc's own."""
+    """Normals (n, corner, 3) turned to the side of the disc's own, and which (n, corner, 1) are of another face (over
+    45° away): these are replaced by the disc's own."""
     cosine = np.einsum("nci,ni->nc", corner_normals, normals)[..., None]
     other_face = np.abs(cosine) < np.sqrt(0.5)
     return np.where(other_face, normals[:, None], corner_normals * np.where(cosine < 0, -1, 1)), other_face

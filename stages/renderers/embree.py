@@ -6,8 +6,8 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from stages.geometry.cameras import pixel_rays
-from stages.renderers import Raster
+from b23d.stages.geometry.cameras import pixel_rays
+from b23d.stages.renderers import Raster
 
 
 def rasterize(
@@ -18,7 +18,9 @@ def rasterize(
     face_ids, depth = np.full(shape, -1, np.int32), np.zeros(shape, np.float32)
     if len(faces) == 0:
         return Raster(face_ids, depth)
-    scene = EmbreeScene(robust=False)  # robust is watertight at shared edges: about one pixel in 62 views, for a fifth more time
+    scene = EmbreeScene(
+        robust=False
+    )  # robust is watertight at shared edges: about one pixel in 62 views, for a fifth more time
     _mesh = TriangleMesh(scene, np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
     rays = pixel_rays(intrinsics, resolution)
     used = np.asarray(vertices, np.float64)[np.unique(faces)]

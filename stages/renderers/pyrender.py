@@ -20,7 +20,7 @@ import pyrender
 from OpenGL import GL
 from pyrender.renderer import Renderer
 
-from stages.renderers import NEEDS, Raster
+from b23d.stages.renderers import NEEDS, Raster
 
 MOST_FACES = 2**24 - 1
 """Face ids travel as 24-bit colours; 0 is background."""
@@ -35,7 +35,9 @@ class _SingleSample(Renderer):
         if fresh:
             for buffer, kind in ((self._main_cb_ms, GL.GL_RGBA), (self._main_db_ms, GL.GL_DEPTH_COMPONENT24)):
                 GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
-                GL.glRenderbufferStorageMultisample(GL.GL_RENDERBUFFER, 0, kind, self.viewport_width, self.viewport_height)
+                GL.glRenderbufferStorageMultisample(
+                    GL.GL_RENDERBUFFER, 0, kind, self.viewport_width, self.viewport_height
+                )
             GL.glDisable(GL.GL_DITHER)
 
 
@@ -57,7 +59,9 @@ def rasterize(
     if len(faces) == 0:
         return Raster(face_ids, depth)
     if len(faces) > MOST_FACES:
-        raise ValueError(f"faces: expected at most {MOST_FACES} for pyrender, got {len(faces)}; use renderer = \"embree\"")
+        raise ValueError(
+            f'faces: expected at most {MOST_FACES} for pyrender, got {len(faces)}; use renderer = "embree"'
+        )
     near, far = _depth_range(vertices[np.unique(faces)], world_to_camera)
     scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 0.0])
     scene.add(pyrender.Mesh([_coded(vertices, faces)]))

@@ -12,16 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.geometry.cameras import pixel_rays
-from stages.renderers import Raster
-from stages.renderers.texture import Texture, texels_per_pixel
+from b23d.stages.geometry.cameras import pixel_rays
+from b23d.stages.renderers import Raster
+from b23d.stages.renderers.texture import Texture, texels_per_pixel
 
 BACKGROUND = 255
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What is drawn. Without corner normals faces are flat; without colours and texture they have the albedo asked for."""
+    """What is drawn. Without corner normals faces are flat; without colours and texture they have the albedo asked
+    for."""
 
     vertices: np.ndarray
     """(v, 3) float32, unit frame"""
@@ -49,9 +50,12 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(f, 3, 3) float32 corner normals: area-weighted means over the faces at a vertex, turned to the face's own side."""
+    """(f, 3, 3) float32 corner normals: area-weighted means over the faces at a vertex, turned to the face's own
+    side."""
     flat = face_normals(vertices, faces)
-    sums = np.stack([np.bincount(faces.ravel(), np.repeat(flat[:, axis], 3), len(vertices)) for axis in range(3)], axis=1)
+    sums = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(flat[:, axis], 3), len(vertices)) for axis in range(3)], axis=1
+    )
     corners = _unit(sums)[faces]
     side = np.where(np.einsum("fci,fi->fc", corners, flat) < 0, -1, 1)
     cancelled = (corners == 0).all(axis=2, keepdims=True)  # faces of opposite orientation, back to back
@@ -75,7 +79,9 @@ def shade(
         ray = rays.take(hit, axis=0) @ transform[:3, :3]
         normals, color = flat.take(ids, axis=0), np.full((1, 1), albedo)
         if not surface.plain:
-            corners = triangles.take(ids, axis=0) + transform[:3, 3] @ transform[:3, :3]  # from the camera, world's axes
+            corners = (
+                triangles.take(ids, axis=0) + transform[:3, 3] @ transform[:3, :3]
+            )  # from the camera, world's axes
             place = _barycentrics(ray, corners)
             if surface.corner_normals is not None:
                 normals = _unit(_interpolate(place, surface.corner_normals.take(ids, axis=0)))
@@ -92,7 +98,8 @@ def shade(
 
 
 def _barycentrics(rays: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(p, 3): where rays (p, 3) from the origin meet triangles (p, 3, 3). Each is ∝ the volume opposite to its corner."""
+    """(p, 3): where rays (p, 3) from the origin meet triangles (p, 3, 3). Each is ∝ the volume opposite to its
+    corner."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     volumes = np.stack([np.einsum("pi,pi->p", rays, _cross(*pair)) for pair in ((b, c), (c, a), (a, b))], axis=1)
     total = volumes.sum(axis=1, keepdims=True)

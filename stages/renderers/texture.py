@@ -1,4 +1,5 @@
-"""Texture lookup without aliasing: bilinear within the level of an image pyramid that fits the texture's size on screen."""
+"""Texture lookup without aliasing: bilinear within the level of an image pyramid that fits the texture's size on
+screen."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ class Texture:
 
 
 def texels_per_pixel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int], intrinsics: np.ndarray) -> np.ndarray:
-    """Texels per pixel (p,), along a side, of triangles with camera coordinates `corners` (p, 3, 3) and `uvs` (p, 3, 2)."""
+    """Texels per pixel (p,), along a side, of triangles with camera coordinates `corners` (p, 3, 3) and `uvs` (p, 3,
+    2)."""
     pixels = corners[..., :2] / corners[..., 2:] * (intrinsics[0, 0], intrinsics[1, 1])
     return np.sqrt(_area(uvs * size) / np.maximum(_area(pixels), 1e-12))
 

@@ -17,7 +17,8 @@ def by_depth(pixels: np.ndarray, depths: np.ndarray, depth_images: np.ndarray, t
     its pixel shows. The surface is continued from the pixel's centre to the point's exact place as a plane, which is
     linear in inverse depth; its slope, along x and along y, is the smaller of the differences to the two neighbours,
     so that it never spans a silhouette. Faces less than `tolerance` apart, coincident ones above all, do not hide each
-    other. A point whose pixel shows background is thinner than a pixel there, and seen. Outside of the frame nothing is.
+    other. A point whose pixel shows background is thinner than a pixel there, and seen. Outside of the frame nothing
+    is.
     """
     views, rows, columns = depth_images.shape
     inside = in_frame(pixels, depths, rows, columns)
@@ -39,7 +40,8 @@ def by_depth(pixels: np.ndarray, depths: np.ndarray, depth_images: np.ndarray, t
 
 
 def by_face(face_ids: np.ndarray, faces: np.ndarray, point_faces: np.ndarray) -> np.ndarray:
-    """(view, n) bool: points whose face (m, of `faces` (f, k)), or one that shares a corner with it, is anywhere in the view.
+    """(view, n) bool: points whose face (m, of `faces` (f, k)), or one that shares a corner with it, is anywhere in the
+    view.
 
     The released rule (method.md row 4), its slip included: the background's id, -1, is taken for the last face, which
     therefore counts as seen wherever there is background. (Released, the five nearest layers count; here, the first.)

@@ -1,7 +1,8 @@
 """Geodesic distances between predicted and annotated keypoints, as KeypointNet's protocol measures them.
 
-The 20-nearest-neighbour graph of the cloud, edges as long as they are, shortest paths (You et al., KeypointNet, CVPR 2020;
-UKPGAN, CVPR 2022). Pairs that no path joins are infinitely far here; the libraries of that time gave 0 for them, a hit.
+The 20-nearest-neighbour graph of the cloud, edges as long as they are, shortest paths (You et al., KeypointNet, CVPR
+2020; UKPGAN, CVPR 2022). Pairs that no path joins are infinitely far here; the libraries of that time gave 0 for them,
+a hit.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from schemas.shape import Keypoints, NormalizedShape
-from stages.geodesics.graph import graph_distances
-from stages.geometry.keypoints import keypoint_candidates
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.geodesics.graph import graph_distances
+from b23d.stages.geometry.keypoints import keypoint_candidates
 
 SAME = 1e-6
 """A keypoint this near to a candidate (unit frame) is that candidate: float32 rounding, not a different place."""
@@ -26,7 +28,8 @@ def keypoint_distances(
     neighbors: int = 20,
     units: Literal["dataset", "unit"] = "dataset",
 ) -> npt.NDArray[np.float64]:
-    """Distance of every prediction from every annotated keypoint, (k, g), in the data set's units or in the unit frame's.
+    """Distance of every prediction from every annotated keypoint, (k, g), in the data set's units or in the unit
+    frame's.
 
     predicted: (k,) indices of candidates.
 

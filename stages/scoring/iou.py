@@ -1,8 +1,9 @@
 """Label-agnostic, many-to-one counts: KeypointNet's and UKPGAN's IoU.
 
-A prediction that is within the threshold of no annotated keypoint is a false positive, an annotated keypoint that is within the
-threshold of no prediction a false negative, any other annotated keypoint a true positive. IoU = TP / (TP + FP + FN), with sums
-over all shapes of a class. Names play no role, and one prediction may account for several annotated keypoints.
+A prediction that is within the threshold of no annotated keypoint is a false positive, an annotated keypoint that is
+within the threshold of no prediction a false negative, any other annotated keypoint a true positive. IoU = TP / (TP +
+FP + FN), with sums over all shapes of a class. Names play no role, and one prediction may account for several annotated
+keypoints.
 """
 
 from __future__ import annotations

@@ -20,15 +20,16 @@ def matched(hits: np.ndarray) -> npt.NDArray[np.int32]:
 def labelled(hits: np.ndarray, predicted: np.ndarray, wanted: np.ndarray) -> npt.NDArray[np.int32]:
     """How many annotated keypoints the prediction of the wanted name meets, at every threshold.
 
-    hits: (t, k, g) bool. predicted: (k,) ids of the predictions. wanted: (g,) id that is looked for at each annotated keypoint:
-    its own, or the one that a symmetry puts there. Ids below 0 are no names. Returns (t,).
+    hits: (t, k, g) bool. predicted: (k,) ids of the predictions. wanted: (g,) id that is looked for at each annotated
+    keypoint: its own, or the one that a symmetry puts there. Ids below 0 are no names. Returns (t,).
     """
     named = (predicted[:, None] == wanted[None]) & (wanted >= 0)[None]  # (k, g)
     return (hits & named).any(1).sum(1).astype(np.int32)
 
 
 def symmetric(hits: np.ndarray, predicted: np.ndarray, exchanges: np.ndarray) -> npt.NDArray[np.int32]:
-    """As `labelled`, after the exchange of names that meets most keypoints: one exchange for the shape and all thresholds.
+    """As `labelled`, after the exchange of names that meets most keypoints: one exchange for the shape and all
+    thresholds.
 
     exchanges: (e, g) wanted ids of each exchange; the first one, identity, wins ties.
     """

@@ -20,8 +20,8 @@ def mirror(a: np.ndarray, b: np.ndarray) -> Motion:
 def turn(tuples: list[np.ndarray]) -> Motion:
     """The turn about a vertical axis that takes each point of every tuple to the next, and the last to the first.
 
-    tuples: (m, 3) float64 each, m alike: points in order around the axis, which passes through the median of the tuples' means, so that
-    a wrong tuple does not move it. An m-th of a full turn, to whichever side fits better.
+    tuples: (m, 3) float64 each, m alike: points in order around the axis, which passes through the median of the
+    tuples' means, so that a wrong tuple does not move it. An m-th of a full turn, to whichever side fits better.
     """
     points = np.concatenate(tuples)
     following = np.concatenate([np.roll(ids, -1, axis=0) for ids in tuples])

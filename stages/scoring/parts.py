@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.parts import PartClass, PartScore, PartTable
-from schemas.scores import Spread
+from b23d.schemas.scores import PartClass, PartScore, PartTable, Spread
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,8 +28,13 @@ def part_table(run: str, rows: Iterable[Row]) -> PartTable:
     protocols = {one.protocol for draws in by_class.values() for shapes in draws.values() for one in shapes.values()}
     if len(protocols) != 1:
         got = "none" if not protocols else " | ".join(sorted(protocols))
-        raise ValueError(f"part scores of {run}: expected scored shapes of one protocol, got {got}; run it first, or re-run score_parts")
-    means = {c: {d: float(np.mean([one.iou for one in shapes.values()])) for d, shapes in draws.items()} for c, draws in by_class.items()}
+        raise ValueError(
+            f"part scores of {run}: expected scored shapes of one protocol, got {got}; run it first, or re-run score_parts"
+        )
+    means = {
+        c: {d: float(np.mean([one.iou for one in shapes.values()])) for d, shapes in draws.items()}
+        for c, draws in by_class.items()
+    }
     shared = sorted(set.intersection(*(set(draws) for draws in means.values())))
     instances: dict[int, list[float]] = defaultdict(list)
     for draws in by_class.values():
@@ -48,7 +52,8 @@ def part_table(run: str, rows: Iterable[Row]) -> PartTable:
 
 
 def render(table: PartTable) -> Table:
-    """One row a class, then the average over classes and over shapes; IoU in percent, as the literature has it, ± sd over draws."""
+    """One row a class, then the average over classes and over shapes; IoU in percent, as the literature has it, ± sd
+    over draws."""
     from rich.table import Table
 
     result = Table(title=f"{table.run}: parts", caption=f"IoU in %; {table.protocol}; mean ± sd over draws of shots")

@@ -7,8 +7,7 @@ from collections.abc import Hashable, Iterable
 
 import numpy as np
 
-from schemas.keypoints import ShapeScore
-from schemas.scores import ClassScores, Curve, Presence, ScoreTable, Spread
+from b23d.schemas.scores import ClassScores, Curve, Presence, ScoreTable, ShapeScore, Spread
 
 Row = tuple[str, Hashable, str, ShapeScore]
 """Category, draw, shape, score."""
@@ -27,14 +26,21 @@ def score_table(run: str, protocol: str | None, rows: Iterable[Row]) -> ScoreTab
         by_class[category][draw][shape] = scored
     scores = [one for draws in by_class.values() for shapes in draws.values() for one in shapes.values()]
     if not scores:
-        raise ValueError(f"scores of {run}: expected at least one scored shape, got none; run it first, or see its quarantine")
+        raise ValueError(
+            f"scores of {run}: expected at least one scored shape, got none; run it first, or see its quarantine"
+        )
     thresholds = scores[0].thresholds.tolist()
     if any(one.thresholds.tolist() != thresholds for one in scores):
         raise ValueError(f"scores of {run}: expected the same thresholds for every shape, got several; re-run score")
 
-    figures = {c: {d: _figures(list(shapes.values())) for d, shapes in draws.items()} for c, draws in sorted(by_class.items())}
+    figures = {
+        c: {d: _figures(list(shapes.values())) for d, shapes in draws.items()} for c, draws in sorted(by_class.items())
+    }
     targets = {c: len({shape for shapes in draws.values() for shape in shapes}) for c, draws in by_class.items()}
-    files = {c: {one.annotation_file for shapes in draws.values() for one in shapes.values()} - {""} for c, draws in by_class.items()}
+    files = {
+        c: {one.annotation_file for shapes in draws.values() for one in shapes.values()} - {""}
+        for c, draws in by_class.items()
+    }
     return ScoreTable(
         run=run,
         protocol=protocol if protocol is not None else " | ".join(sorted({one.protocol for one in scores})),

@@ -1,9 +1,9 @@
 """Exchanges of names that a symmetry of the shape permits, from the annotation's `reflections` and `rotations`.
 
-KeypointNet lists pairs of ids that *some* mirror plane exchanges, without saying which pairs share a plane (a rectangular bathtub
-has (0 1) (2 3) for one plane and (1 2) (3 0) for another), and its lists have gaps. But a symmetry moves the whole shape: all
-pairs of one plane are exchanged at once or not at all. Which pairs share a plane, and which further ids it exchanges, is read
-from the annotated positions.
+KeypointNet lists pairs of ids that *some* mirror plane exchanges, without saying which pairs share a plane (a
+rectangular bathtub has (0 1) (2 3) for one plane and (1 2) (3 0) for another), and its lists have gaps. But a symmetry
+moves the whole shape: all pairs of one plane are exchanged at once or not at all. Which pairs share a plane, and which
+further ids it exchanges, is read from the annotated positions.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from collections import Counter
 import numpy as np
 import numpy.typing as npt
 
-from schemas.shape import Keypoints
-from stages.scoring.motions import Motion, mirror, turn
+from b23d.schemas.keypoints import Keypoints
+from b23d.stages.scoring.motions import Motion, mirror, turn
 
 LARGEST_GROUP = 64
 """Composing symmetries ends at this many exchanges; a square's group has 8."""
@@ -28,12 +28,15 @@ Pair = tuple[int, int]
 def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
     """For every permitted exchange, the id looked for at each annotated keypoint: (e, g) int32, the identity first.
 
-    The exchanges are the identity, every reflection (all its pairs at once), every turn about the vertical that `rotations` lists
-    and the positions bear out, and their compositions. Ids that the shape lacks stay out of exchanges.
+    The exchanges are the identity, every reflection (all its pairs at once), every turn about the vertical that
+    `rotations` lists and the positions bear out, and their compositions. Ids that the shape lacks stay out of
+    exchanges.
     """
     ids = keypoints.ids.tolist()
     places = dict(zip(ids, np.asarray(keypoints.positions, np.float64), strict=True))
-    pairs = sorted({(min(t), max(t)) for t in keypoints.reflections if len(t) == len(set(t)) == 2 and places.keys() >= set(t)})
+    pairs = sorted(
+        {(min(t), max(t)) for t in keypoints.reflections if len(t) == len(set(t)) == 2 and places.keys() >= set(t)}
+    )
     tuples = [t for t in keypoints.rotations if len(t) == len(set(t)) > 1 and places.keys() >= set(t)]
     tables = [_reflection(plane, places) for plane in _planes(pairs, places)]
     tables += [_rotation([t for t in tuples if len(t) == fold], places) for fold in sorted({len(t) for t in tuples})]
@@ -43,9 +46,9 @@ def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
 def _planes(pairs: list[Pair], places: Places) -> list[list[Pair]]:
     """Pairs grouped by the mirror plane that exchanges them; the pair that defines the plane first.
 
-    An id that stands in m pairs has a partner in m planes, so there are as many planes as the most frequent id has pairs, and its
-    pairs define them (the widest ones, if several ids are as frequent). Any other pair goes to the plane that takes its one point
-    nearest to the other, among those in which both are free.
+    An id that stands in m pairs has a partner in m planes, so there are as many planes as the most frequent id has
+    pairs, and its pairs define them (the widest ones, if several ids are as frequent). Any other pair goes to the plane
+    that takes its one point nearest to the other, among those in which both are free.
     """
     degree = Counter(i for pair in pairs for i in pair)
     most = max(degree.values(), default=0)
@@ -80,7 +83,10 @@ def _rotation(tuples: list[tuple[int, ...]], places: Places) -> dict[int, int]:
     table: dict[int, int] = {}
     for ids in tuples:
         steps = {ids[n - 1]: ids[n] for n in range(len(ids))}
-        borne_out = all(_error(motion, step, places) < AGREES * np.linalg.norm(places[step[0]] - places[step[1]]) for step in steps.items())
+        borne_out = all(
+            _error(motion, step, places) < AGREES * np.linalg.norm(places[step[0]] - places[step[1]])
+            for step in steps.items()
+        )
         if borne_out and not table.keys() & steps.keys():
             table.update(steps)
     return _complete(table, motion, places)

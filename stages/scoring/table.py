@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from rich.table import Table
 
-from schemas.scores import ClassScores, ScoreTable
+from b23d.schemas.scores import ClassScores, ScoreTable
 
 SHOWN = (0.0, 0.02, 0.05, 0.10)
 """Thresholds worth a column, where the run has them."""
 
 
 def render(table: ScoreTable) -> Table:
-    """One row a class and one for their mean: IoU at a few thresholds, AUC, PCK at the largest one, ceiling; ± sd over draws."""
+    """One row a class and one for their mean: IoU at a few thresholds, AUC, PCK at the largest one, ceiling; ± sd over
+    draws."""
     thresholds = table.mean.thresholds
     shown = [i for i, threshold in enumerate(thresholds) if any(abs(threshold - wanted) < 1e-9 for wanted in SHOWN)]
     shown = shown or [len(thresholds) - 1]
     largest = f"{thresholds[-1]:g}"
-    result = Table(title=table.run, caption=f"IoU at {table.protocol}; mean ± sd over {table.mean.draws} draws of shots")
+    result = Table(
+        title=table.run, caption=f"IoU at {table.protocol}; mean ± sd over {table.mean.draws} draws of shots"
+    )
     result.add_column("class")
     result.add_column("targets", justify="right")
     columns = [f"IoU {thresholds[i]:g}" for i in shown]
@@ -34,11 +37,15 @@ def _cells(scores: ClassScores, shown: list[int]) -> list[str]:
     pairs = [(scores.iou.mean[i], scores.iou.sd[i]) for i in shown]
     pairs.append((scores.auc.mean, scores.auc.sd))
     pairs += [(curve.mean[-1], curve.sd[-1]) for curve in (scores.pck, scores.symmetric_pck)]
-    return [str(scores.targets), *(_figure(mean, sd, scores.draws) for mean, sd in pairs), _figure(scores.ceiling, 0, 1)]
+    return [
+        str(scores.targets),
+        *(_figure(mean, sd, scores.draws) for mean, sd in pairs),
+        _figure(scores.ceiling, 0, 1),
+    ]
 
 
 def _figure(mean: float, sd: float, draws: int) -> str:
-    """".712 ±.031", and no spread where there is one draw."""
+    """ ".712 ±.031", and no spread where there is one draw."""
     return _short(mean) + (f" ±{_short(sd)}" if draws > 1 else "")
 
 

@@ -4,8 +4,9 @@ With the other keypoints fixed, the objective of moving keypoint j to candidate 
 
     A[j, i] + Σ_{l ≠ j} M_jl (D[i, c_l] − D_kp,jl)²  =  A[j, i] + Σ M D² − 2 Σ M D_kp D + const,
 
-two products with the columns of D at the current choice, so a move costs O(n k) a start. The norms are not squared, hence
-the totals: L = √(ΣA) + α √(ΣR). Every accepted move lowers L, so sweeps end; starts that reach the same choice are merged.
+two products with the columns of D at the current choice, so a move costs O(n k) a start. The norms are not squared,
+hence the totals: L = √(ΣA) + α √(ΣR). Every accepted move lowers L, so sweeps end; starts that reach the same choice
+are merged.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from stages.solvers.hungarian import hungarian
-from stages.solvers.nearest import nearest
-from stages.solvers.objective import Problem, objective, residuals
+from b23d.stages.solvers.hungarian import hungarian
+from b23d.stages.solvers.nearest import nearest
+from b23d.stages.solvers.objective import Problem, objective, residuals
 
 NEAREST = 32
 """Random starts draw each keypoint among this many candidates with the most similar features."""
@@ -25,11 +26,19 @@ GAIN = 1e-5
 
 
 def discrete(
-    problem: Problem, *, starts: int = 32, sweeps: int = 100, seed: int = 0, one_to_one: bool = False, extra: Iterable[np.ndarray] = ()
+    problem: Problem,
+    *,
+    starts: int = 32,
+    sweeps: int = 100,
+    seed: int = 0,
+    one_to_one: bool = False,
+    extra: Iterable[np.ndarray] = (),
 ) -> np.ndarray:
-    """Choice (k,) int64 with the least objective found; never worse than any start, nearest neighbour and assignment included.
+    """Choice (k,) int64 with the least objective found; never worse than any start, nearest neighbour and assignment
+    included.
 
-    starts: how many starts in all, besides `extra`: nearest neighbour, assignment, then half of the rest drawn among each keypoint's
+    starts: how many starts in all, besides `extra`: nearest neighbour, assignment, then half of the rest drawn among
+    each keypoint's
         nearest candidates, and the other half perturbations of the best choice so far.
     sweeps: upper bound; a start ends as soon as no move lowers its objective, after three to eight sweeps in practice.
     extra: further choices to start from, such as the result of another solver.
@@ -37,7 +46,11 @@ def discrete(
     Raises ValueError where `one_to_one` asks for more candidates than there are.
     """
     random = np.random.default_rng(seed)
-    fixed = [nearest(problem), *([hungarian(problem)] if problem.k <= problem.n or one_to_one else []), *map(np.asarray, extra)]
+    fixed = [
+        nearest(problem),
+        *([hungarian(problem)] if problem.k <= problem.n or one_to_one else []),
+        *map(np.asarray, extra),
+    ]
     free = max(starts - 2, 0)
     pool = problem.feature_costs.argsort(1)[:, :NEAREST]  # (k, m)
 
@@ -48,8 +61,8 @@ def discrete(
 
 
 def descend(problem: Problem, choices: np.ndarray, sweeps: int = 100, one_to_one: bool = False) -> np.ndarray:
-    """Local optima reached from `choices` (s, k): no single move to another candidate lowers the objective any more, unless `sweeps`
-    over all keypoints were too few. All starts move at once; those that have arrived leave.
+    """Local optima reached from `choices` (s, k): no single move to another candidate lowers the objective any more,
+    unless `sweeps` over all keypoints were too few. All starts move at once; those that have arrived leave.
 
     Returns (≤ s, k) int64, equal ones merged.
     """
@@ -69,7 +82,9 @@ def descend(problem: Problem, choices: np.ndarray, sweeps: int = 100, one_to_one
 def _best(problem: Problem, starts: np.ndarray, sweeps: int, one_to_one: bool) -> np.ndarray:
     if one_to_one:
         starts = starts[(np.diff(np.sort(starts, axis=1), axis=1) > 0).all(1)]
-    reached = np.concatenate([descend(problem, starts, sweeps, one_to_one), starts])  # float32 sweeps, judged in float64
+    reached = np.concatenate(
+        [descend(problem, starts, sweeps, one_to_one), starts]
+    )  # float32 sweeps, judged in float64
     return reached[objective(problem, reached).argmin()]
 
 

@@ -9,21 +9,24 @@ from typing import Literal
 
 import numpy as np
 
-from stages.solvers.objective import Problem
+from b23d.stages.solvers.objective import Problem
 
 Assignment = Literal["labelled", "sorted"]
 
 
 def hungarian(problem: Problem, order: Assignment = "labelled") -> np.ndarray:
-    """Choice (k,) int64 with the least sum of feature distances among choices without repetition, in the keypoints' order.
+    """Choice (k,) int64 with the least sum of feature distances among choices without repetition, in the keypoints'
+    order.
 
-    order "sorted": the same candidates by index, whichever keypoint each was assigned to, as the published code returns them.
-    Raises ValueError where there are more keypoints than candidates.
+    order "sorted": the same candidates by index, whichever keypoint each was assigned to, as the published code returns
+    them. Raises ValueError where there are more keypoints than candidates.
     """
     from scipy.optimize import linear_sum_assignment
 
     if problem.k > problem.n:
-        raise ValueError(f"assignment: expected at least {problem.k} candidates, got {problem.n}; sample more candidates")
+        raise ValueError(
+            f"assignment: expected at least {problem.k} candidates, got {problem.n}; sample more candidates"
+        )
     # rows come back sorted, so columns are in the keypoints' order: labels stay
     choice: np.ndarray = linear_sum_assignment(np.sqrt(problem.feature_costs))[1]
     return choice if order == "labelled" else np.sort(choice)

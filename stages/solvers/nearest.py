@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.solvers.objective import Problem
+from b23d.stages.solvers.objective import Problem
 
 
 def nearest(problem: Problem) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The objective all solvers are compared by: L_feature + α L_distance of a choice of candidates.
 
-Wimmer et al., Back to 3D: Few-Shot 3D Keypoint Detection with Back-Projected 2D Features, CVPR 2024, section 3.2, with the
-selection matrix restricted to one candidate a keypoint:
+Wimmer et al., Back to 3D: Few-Shot 3D Keypoint Detection with Back-Projected 2D Features, CVPR 2024, section 3.2, with
+the selection matrix restricted to one candidate a keypoint:
 
     ‖F[c] − F_kp‖ + α ‖(D[c, c] − D_kp) ∘ M‖      (Frobenius norms, not squared)
 """

@@ -1,4 +1,5 @@
-"""From what the stage is given to the problem that solvers solve: the shots' template, and a target in the same scales."""
+"""From what the stage is given to the problem that solvers solve: the shots' template, and a target in the same
+scales."""
 
 from __future__ import annotations
 
@@ -7,16 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.shape import Keypoints, NormalizedShape
-from stages.geometry.keypoints import keypoint_candidates
-from stages.solvers.objective import Problem
-from stages.solvers.retrieval import retrieve
-from stages.solvers.scaling import largest_distance, scale_distances, scale_features
-from stages.solvers.shots import Shot, Template, combine_shots, smooth_among
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.geometry.keypoints import keypoint_candidates
+from b23d.stages.solvers.objective import Problem
+from b23d.stages.solvers.retrieval import retrieve
+from b23d.stages.solvers.scaling import largest_distance, scale_distances, scale_features
+from b23d.stages.solvers.shots import Shot, Template, combine_shots, smooth_among
 
 if TYPE_CHECKING:
-    from stages.solvers.options import OptimizeParams
+    from b23d.stages.solvers.options import OptimizeParams
 
 
 def pose(
@@ -41,7 +43,9 @@ def pose(
     return template, _problem(reweight, geodesic, len(normalize.points), template, params)
 
 
-def _problem(reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, params: OptimizeParams) -> Problem:
+def _problem(
+    reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, params: OptimizeParams
+) -> Problem:
     features, distances = _scaled("the target", reweight, geodesic, n, params)
     if features.shape[1] != template.features.shape[1]:
         raise ValueError(
@@ -84,5 +88,7 @@ def _scaled(
             f"got {len(features)} and {len(distances)}; re-run reweight and geodesic"
         )
     if not np.isfinite(features).all():
-        raise ValueError(f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor")
+        raise ValueError(
+            f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor"
+        )
     return scale_features(features, params.features, reweight.observed), scale_distances(distances, params.distances)

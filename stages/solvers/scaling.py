@@ -11,13 +11,17 @@ FeatureScale = Literal["raw", "centred", "centred-unit", "standardised"]
 DistanceScale = Literal["largest", "unit-frame"]
 
 
-def scale_features(features: np.ndarray, how: FeatureScale, observed: np.ndarray | None = None) -> npt.NDArray[np.float32]:
-    """Features of one shape's candidates, (n, channel) of any float dtype → (n, channel) float32, none of them dependent on other shapes.
+def scale_features(
+    features: np.ndarray, how: FeatureScale, observed: np.ndarray | None = None
+) -> npt.NDArray[np.float32]:
+    """Features of one shape's candidates, (n, channel) of any float dtype → (n, channel) float32, none of them
+    dependent on other shapes.
 
     raw: as they are.
     centred: less the shape's mean feature.
     centred-unit: centred, then every point's feature divided by its length.
-    standardised: every channel with zero mean and variance 1 / channel over the shape, so that a point's feature has length 1 on average.
+    standardised: every channel with zero mean and variance 1 / channel over the shape, so that a point's feature has
+    length 1 on average.
 
     observed: (n,) bool, the points that mean and variance are taken over; None, or no point at all: every point.
     """

@@ -1,4 +1,5 @@
-"""What several labelled shapes say about keypoints: their features and mutual distances, averaged per id and per pair."""
+"""What several labelled shapes say about keypoints: their features and mutual distances, averaged per id and per
+pair."""
 
 from __future__ import annotations
 
@@ -49,11 +50,13 @@ class Template:
 
 
 def combine_shots(shots: Sequence[Shot], combine: Combine = "mean", mask: Mask = "pairs") -> Template:
-    """The template of some shots: features averaged over the shots that have an id, distances over those that have both ids of a pair.
+    """The template of some shots: features averaged over the shots that have an id, distances over those that have both
+    ids of a pair.
 
     combine "sum_distances": distances are summed instead of averaged, as the published code does.
-    mask "pairs": every pair of different ids that some shot has. "positive": entries of the combined matrix above zero, as the
-    published code does; that drops pairs that coincide. "whole": as "pairs", and the diagonal, as the paper's formula has it.
+    mask "pairs": every pair of different ids that some shot has. "positive": entries of the combined matrix above zero,
+    as the published code does; that drops pairs that coincide. "whole": as "pairs", and the diagonal, as the paper's
+    formula has it.
 
     Raises ValueError where no shot has a keypoint, or where of several shots no two share an id.
     """
@@ -75,7 +78,9 @@ def combine_shots(shots: Sequence[Shot], combine: Combine = "mean", mask: Mask =
     if combine == "mean":
         distances /= np.maximum(seen, 1)
     keep = {"pairs": (seen > 0) & ~np.eye(k, dtype=bool), "positive": distances > 0, "whole": seen > 0}[mask]
-    return Template(ids, features.astype(np.float32), np.where(keep, distances, 0), keep, counts, [shot.name for shot in shots])
+    return Template(
+        ids, features.astype(np.float32), np.where(keep, distances, 0), keep, counts, [shot.name for shot in shots]
+    )
 
 
 def check_shots(shots: Sequence[Shot]) -> None:
@@ -85,14 +90,19 @@ def check_shots(shots: Sequence[Shot]) -> None:
         raise ValueError(f"shots: expected at least one keypoint, got none ({listed or 'no shot'}); annotate the shots")
     occurrences = np.unique(np.concatenate([shot.ids for shot in shots]), return_counts=True)[1]
     if len(shots) > 1 and occurrences.max() < 2:
-        raise ValueError(f"shots: expected an id that two of them share, got ids {listed}; use shots annotated with the same ids")
+        raise ValueError(
+            f"shots: expected an id that two of them share, got ids {listed}; use shots annotated with the same ids"
+        )
     channels = {shot.name: shot.features.shape[1] for shot in shots}
     if len(set(channels.values())) > 1:
-        raise ValueError(f"shots: expected features with as many channels in every shot, got {channels}; use one encoder for all")
+        raise ValueError(
+            f"shots: expected features with as many channels in every shot, got {channels}; use one encoder for all"
+        )
 
 
 def smooth_among(features: np.ndarray, distances: np.ndarray, sigma: float) -> np.ndarray:
-    """Keypoint features (g, channel) averaged with Gaussian weights exp(−d² / 2σ²) of their mutual distances (g, g), both in one unit.
+    """Keypoint features (g, channel) averaged with Gaussian weights exp(−d² / 2σ²) of their mutual distances (g, g),
+    both in one unit.
 
     The published code smooths a shot's features among its keypoints alone (method's row on source keypoints).
     """

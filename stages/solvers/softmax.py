@@ -2,10 +2,11 @@
 
     L = ‖ŜᵀF − F_kp‖ + α ‖(ŜᵀDŜ − D_kp) ∘ M‖ − β Σ_j (max_i Ŝ_ij − mean_i Ŝ_ij)
 
-S is (n, k + 1), right-stochastic; the last column stands for "no keypoint"; Ŝ is its first k columns. Three things make it several
-times as fast as automatic differentiation of that line: the gradient shares D Ŝ with the value (D is symmetric), so one large
-product a step does instead of three; Sᵀ is what is stored, since the product is faster with the candidates along rows; and
-problems on one target (several draws of shots) can share that product, whose cost is reading D.
+S is (n, k + 1), right-stochastic; the last column stands for "no keypoint"; Ŝ is its first k columns. Three things make
+it several times as fast as automatic differentiation of that line: the gradient shares D Ŝ with the value (D is
+symmetric), so one large product a step does instead of three; Sᵀ is what is stored, since the product is faster with
+the candidates along rows; and problems on one target (several draws of shots) can share that product, whose cost is
+reading D.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from stages.solvers.objective import Problem
+from b23d.stages.solvers.objective import Problem
 
 
 class SelectionLoss:
     """Values and gradients of the relaxed objectives of b problems on one target, at unnormalised Sᵀ, (b, k + 1, n).
 
-    k is the largest number of keypoints; a problem with fewer has −inf in the rows it lacks, before the last, which select nothing.
+    k is the largest number of keypoints; a problem with fewer has −inf in the rows it lacks, before the last, which
+    select nothing.
     """
 
     def __init__(self, problems: Sequence[Problem], beta: float) -> None:
@@ -69,17 +71,30 @@ class SelectionLoss:
 
 
 def softmax(
-    problem: Problem, *, beta: float = 0.0, steps: int = 5000, learning_rate: float = 0.1, seed: int = 0, one_to_one: bool = False
+    problem: Problem,
+    *,
+    beta: float = 0.0,
+    steps: int = 5000,
+    learning_rate: float = 0.1,
+    seed: int = 0,
+    one_to_one: bool = False,
 ) -> np.ndarray:
     """Choice (k,) int64: the largest entry of every column of Ŝ after `steps` of Adam from a seeded N(0, 1).
 
     one_to_one: instead the assignment with the largest Σ_j Ŝ[c_j, j] in which no candidate occurs twice.
     """
-    return softmax_together([problem], beta=beta, steps=steps, learning_rate=learning_rate, seed=seed, one_to_one=one_to_one)[0]
+    return softmax_together(
+        [problem], beta=beta, steps=steps, learning_rate=learning_rate, seed=seed, one_to_one=one_to_one
+    )[0]
 
 
 def softmax_together(
-    problems: Sequence[Problem], *, beta: float = 0.0, steps: int = 5000, learning_rate: float = 0.1, seed: int = 0,
+    problems: Sequence[Problem],
+    *,
+    beta: float = 0.0,
+    steps: int = 5000,
+    learning_rate: float = 0.1,
+    seed: int = 0,
     one_to_one: bool = False,
 ) -> list[np.ndarray]:
     """`softmax` of several problems on one target at once, each as if alone (but for rounding), in their order.
@@ -101,7 +116,9 @@ def softmax_together(
             logits.grad = loss(logits)[1]
             optimiser.step()
         selections = torch.softmax(logits, dim=1)[:, :-1].numpy()  # Ŝᵀ (b, k, n)
-    return [_choose(selection[: problem.k], one_to_one) for selection, problem in zip(selections, problems, strict=True)]
+    return [
+        _choose(selection[: problem.k], one_to_one) for selection, problem in zip(selections, problems, strict=True)
+    ]
 
 
 def _choose(selection: np.ndarray, one_to_one: bool) -> np.ndarray:

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from schemas.features import PointFeatures
-from stages.solvers.scaling import FeatureScale, scale_features
+from b23d.schemas.features import PointFeatures
+from b23d.stages.solvers.scaling import FeatureScale, scale_features
 
 
 def directions(name: str, reweight: PointFeatures, n: int, how: FeatureScale) -> npt.NDArray[np.float32]:
@@ -17,16 +17,25 @@ def directions(name: str, reweight: PointFeatures, n: int, how: FeatureScale) ->
     Raises ValueError, naming the shape, where there are not n of them or some are not finite.
     """
     if len(reweight.features) != n:
-        raise ValueError(f"{name}: expected features of its {n} candidates, got {len(reweight.features)}; re-run reweight")
+        raise ValueError(
+            f"{name}: expected features of its {n} candidates, got {len(reweight.features)}; re-run reweight"
+        )
     if not np.isfinite(reweight.features).all():
-        raise ValueError(f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor")
+        raise ValueError(
+            f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor"
+        )
     scaled = scale_features(reweight.features, how, reweight.observed)
     lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
     return np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0)
 
 
 def vote(
-    target: np.ndarray, known: np.ndarray, labels: np.ndarray, parts: int, k: int, weighting: Literal["similarity", "uniform"]
+    target: np.ndarray,
+    known: np.ndarray,
+    labels: np.ndarray,
+    parts: int,
+    k: int,
+    weighting: Literal["similarity", "uniform"],
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32]]:
     """The label with the largest sum of votes among the k nearest of `known` by cosine, and its share of all votes.
 
@@ -40,7 +49,9 @@ def vote(
     if weighting == "similarity":
         weights = np.maximum(1 + np.take_along_axis(cosines, nearest, axis=1).astype(np.float64), 0)
     rows = np.arange(len(target))[:, None] * parts
-    votes = np.bincount((rows + labels[nearest]).ravel(), weights.ravel(), minlength=len(target) * parts).reshape(len(target), parts)
+    votes = np.bincount((rows + labels[nearest]).ravel(), weights.ravel(), minlength=len(target) * parts).reshape(
+        len(target), parts
+    )
     best = votes.argmax(1)
     total = votes.sum(1)
     share = np.divide(votes[np.arange(len(votes)), best], total, out=np.zeros(len(votes)), where=total > 0)

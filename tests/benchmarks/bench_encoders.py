@@ -1,7 +1,8 @@
-"""Seconds to encode 62 views of 224² (random pixels), per encoder, precision and threads; wall and CPU time, best of three.
+"""Seconds to encode 62 views of 224² (random pixels), per encoder, precision and threads; wall and CPU time, best of
+three.
 
-With one thread, CPU time is what the wall time would be on an idle machine. With more threads on a busy machine both are
-worthless: threads spin while they wait for each other.
+With one thread, CPU time is what the wall time would be on an idle machine. With more threads on a busy machine both
+are worthless: threads spin while they wait for each other.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 import torch
 
-from stages.encoders.load import load_encoder
-from stages.encoders.weights import find_checkpoint
+from b23d.stages.encoders.load import load_encoder
+from b23d.stages.encoders.weights import find_checkpoint
 
 VIEWS = 62
 
@@ -39,8 +40,11 @@ def bench(name: str, precision: str, threads: int) -> None:
         encoder.encode(images)
         walls.append(time.perf_counter() - wall)
         processors.append(time.process_time() - processor)
-    print(f"{name:<20} {precision} → {encoder.precision} on {encoder.device}, {threads} thread(s): {min(walls):5.2f} s wall, "
-          f"{min(processors):5.2f} s CPU; loading {loading:.2f} s", flush=True)
+    print(
+        f"{name:<20} {precision} → {encoder.precision} on {encoder.device}, {threads} thread(s): {min(walls):5.2f} s wall, "
+        f"{min(processors):5.2f} s CPU; loading {loading:.2f} s",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

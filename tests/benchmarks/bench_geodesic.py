@@ -14,12 +14,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from schemas.features import GeodesicDistances, PointFeatures
-from schemas.shape import NormalizedShape
-from stages.describe import DescribeParams, describe
-from stages.geodesic import GeodesicParams, geodesic
-from stages.geometry.sampling import farthest_points, surface_samples
-from stages.reweight import ReweightParams, reweight
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.describe import DescribeParams, describe
+from b23d.stages.geodesic import GeodesicParams, geodesic
+from b23d.stages.geometry.sampling import farthest_points, surface_samples
+from b23d.stages.reweight import ReweightParams, reweight
 
 COUNT = 2048
 CHANNELS = 384
@@ -76,7 +76,10 @@ def measure(name: str, of: NormalizedShape) -> None:
     random = np.random.default_rng(0)
     seen = random.random(COUNT) < 0.95
     features = PointFeatures(
-        features=random.normal(size=(COUNT, CHANNELS)).astype(np.float16), counts=seen.astype(np.int32), observed=seen, descriptor="random"
+        features=random.normal(size=(COUNT, CHANNELS)).astype(np.float16),
+        counts=seen.astype(np.int32),
+        observed=seen,
+        descriptor="random",
     )
     seconds, _ = timed(lambda: reweight(features, found, ReweightParams()))
     print(f"  reweight {CHANNELS} channels {seconds:20.2f} s")
@@ -90,5 +93,8 @@ if __name__ == "__main__":
             mesh = trimesh.load(path, process=False, force="mesh")
             measure(path.name, shape(np.asarray(mesh.vertices), np.asarray(mesh.faces)))
     else:
-        for name, mesh in (("sphere", trimesh.creation.icosphere(subdivisions=4)), ("plate", trimesh.creation.box((1, 0.01, 1)))):
+        for name, mesh in (
+            ("sphere", trimesh.creation.icosphere(subdivisions=4)),
+            ("plate", trimesh.creation.box((1, 0.01, 1))),
+        ):
             measure(name, shape(np.asarray(mesh.vertices), np.asarray(mesh.faces)))

@@ -1,10 +1,11 @@
-"""The discrete solver against the paper's optimiser, on every target of every draw of a run whose store has what `optimize` needs:
+"""The discrete solver against the paper's optimiser, on every target of every draw of a run whose store has what
+`optimize` needs:
 
     python tests/benchmarks/bench_objectives.py RUN [--set a.b=value]… [--steps 5000] [--per-class N] [--store PATH]
 
-Per class: how many problems, both mean objectives of the chosen candidates, on how many the discrete one is worse, seconds of each a
-problem (the softmax solves all draws of one target together), and the AUC of label-agnostic IoU with every id predicted. Exits with 1
-where the discrete solver is worse on any.
+Per class: how many problems, both mean objectives of the chosen candidates, on how many the discrete one is worse,
+seconds of each a problem (the softmax solves all draws of one target together), and the AUC of label-agnostic IoU with
+every id predicted. Exits with 1 where the discrete solver is worse on any.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from schemas.keypoints import ShapeScore
-from stages.api import load
-from stages.optimize import OptimizeParams
-from stages.solvers.discrete import discrete
-from stages.solvers.objective import objective
-from stages.solvers.softmax import softmax_together
+from b23d.schemas.scores import ShapeScore
+from b23d.stages.optimize import OptimizeParams
+from b23d.stages.solvers.discrete import discrete
+from b23d.stages.solvers.objective import objective
+from b23d.stages.solvers.softmax import softmax_together
+from b23d.stages.workbench.api import load
 from tests.benchmarks.run_problems import Posed, area, posed
 
 ROUNDING = 1e-6
@@ -49,16 +50,27 @@ def main() -> int:
     run = load(options.run, *options.set, 'outputs=["optimize"]', store=options.store)
     params = run.config.params["optimize"]
     assert isinstance(params, OptimizeParams)
-    print(f"{run.name}: alpha {params.alpha:g}, features {params.features}, {options.steps} Adam steps, {options.threads} threads")
-    print(f"{'class':14} {'problems':>8} {'discrete':>9} {'softmax':>9} {'worse':>6} {'s':>7} {'s':>8} {'AUC':>6} {'AUC':>6}", flush=True)
+    print(
+        f"{run.name}: alpha {params.alpha:g}, features {params.features}, {options.steps} Adam steps, {options.threads} threads"
+    )
+    print(
+        f"{'class':14} {'problems':>8} {'discrete':>9} {'softmax':>9} {'worse':>6} {'s':>7} {'s':>8} {'AUC':>6} {'AUC':>6}",
+        flush=True,
+    )
     worse = 0
     for category, problems in groupby(posed(run, options.per_class), key=lambda one: one.category):
-        rows = [row for _, draws in groupby(problems, key=lambda one: one.shape) for row in compare(list(draws), params, options.steps)]
+        rows = [
+            row
+            for _, draws in groupby(problems, key=lambda one: one.shape)
+            for row in compare(list(draws), params, options.steps)
+        ]
         reached = np.array([row[0] for row in rows])  # (problem, solver)
         seconds = np.array([row[1] for row in rows]).mean(0)
         lost = int((reached[:, 0] > reached[:, 1] * (1 + ROUNDING)).sum())
         means, auc = reached.mean(0), [area([row[2][i] for row in rows]) for i in range(2)]
-        figures = f"{means[0]:9.4f} {means[1]:9.4f} {lost:6} {seconds[0]:7.3f} {seconds[1]:8.2f} {auc[0]:6.3f} {auc[1]:6.3f}"
+        figures = (
+            f"{means[0]:9.4f} {means[1]:9.4f} {lost:6} {seconds[0]:7.3f} {seconds[1]:8.2f} {auc[0]:6.3f} {auc[1]:6.3f}"
+        )
         print(f"{category:14} {len(rows):8} {figures}", flush=True)
         worse += lost
     return int(worse > 0)
@@ -73,7 +85,11 @@ def compare(
     choices.append([discrete(one.problem, starts=params.starts, seed=params.seed) for one in draws])
     between = time.perf_counter()
     together = softmax_together(
-        [one.problem for one in draws], beta=params.beta, steps=steps, learning_rate=params.learning_rate, seed=params.seed
+        [one.problem for one in draws],
+        beta=params.beta,
+        steps=steps,
+        learning_rate=params.learning_rate,
+        seed=params.seed,
     )
     choices.append(together)
     seconds = [(between - started) / len(draws), (time.perf_counter() - between) / len(draws)]

@@ -1,4 +1,5 @@
-"""Planning 8,000 shapes × 7 addresses each (2 stages a shape, 1 stage × 5 draws), cold and with everything digested; prints seconds."""
+"""Planning 8,000 shapes × 7 addresses each (2 stages a shape, 1 stage × 5 draws), cold and with everything digested;
+prints seconds."""
 
 from __future__ import annotations
 
@@ -9,8 +10,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from pipeline.explain import explain
-from pipeline.run import Run
+from b23d.pipeline.explain import explain
+from b23d.pipeline.run import Run
 from tests.toy import make_toy
 
 

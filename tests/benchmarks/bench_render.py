@@ -1,8 +1,9 @@
-"""Seconds to render and back-project a shape (62 views of 224², 16 × 16 tokens of 384 channels), and how far the renderers agree.
+"""Seconds to render and back-project a shape (62 views of 224², 16 × 16 tokens of 384 channels), and how far the
+renderers agree.
 
-`python tests/benchmarks/bench_render.py [MESH OR CLOUD …]` measures these files instead of eight procedural shapes, each
-as it is and as a cloud of its candidates. CPU seconds of one thread tell what an idle machine would take; OpenGL's are
-those of all of the driver's threads.
+`python tests/benchmarks/bench_render.py [MESH OR CLOUD …]` measures these files instead of eight procedural shapes,
+each as it is and as a cloud of its candidates. CPU seconds of one thread tell what an idle machine would take; OpenGL's
+are those of all of the driver's threads.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from schemas.shape import NormalizedShape, Source
-from schemas.views import Views, ViewTokens
-from stages.backproject import BackprojectParams, backproject
-from stages.datasets.procedural import Procedural
-from stages.normalize import NormalizeParams, normalize
-from stages.render import RenderParams, render
+from b23d.schemas.shape import NormalizedShape, Source
+from b23d.schemas.views import Views, ViewTokens
+from b23d.stages.backproject import BackprojectParams, backproject
+from b23d.stages.datasets.procedural import Procedural
+from b23d.stages.normalize import NormalizeParams, normalize
+from b23d.stages.render import RenderParams, render
 
 Result = TypeVar("Result")
 CLOUDS = {".pcd", ".xyz", ".npz"}
@@ -37,7 +38,11 @@ def sources(paths: list[str]) -> list[Source]:
 
 def source(path: Path) -> Source:
     role = "cloud" if path.suffix in CLOUDS else "mesh"
-    beside = {file.name: file.read_bytes() for file in path.parent.iterdir() if file.is_file()} if path.suffix == ".obj" else {}
+    beside = (
+        {file.name: file.read_bytes() for file in path.parent.iterdir() if file.is_file()}
+        if path.suffix == ".obj"
+        else {}
+    )
     return Source(shape=path.stem, files={**beside, path.name: path.read_bytes()}, **{role: path.name})
 
 
@@ -79,7 +84,8 @@ def bench(shape: NormalizedShape, name: str) -> None:
     print(
         f"{name:<32} {len(shape.vertices):7d} vertices {len(shape.faces):7d} faces: render (embree) {by_rays:.3f} s, backproject "
         f"{back:.3f} s; covers {(views.face_ids >= 0).mean():.2f}, {features.counts.mean():.1f} views a point, "
-        f"{1 - features.observed.mean():.4f} unseen", flush=True,
+        f"{1 - features.observed.mean():.4f} unseen",
+        flush=True,
     )
     try:
         wall, raster = timed(time.perf_counter, lambda: render(shape, RenderParams(renderer="pyrender")), 1)

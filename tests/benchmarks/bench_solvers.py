@@ -1,10 +1,12 @@
-"""Time and objective of every solver, and of other libraries' (`outside_solvers.py`), on made problems or on the targets of a run:
+"""Time and objective of every solver, and of other libraries' (`outside_solvers.py`), on made problems or on the
+targets of a run:
 
-    python tests/benchmarks/bench_solvers.py [--steps 5000] [--instances 3] [--run RUN [--set a.b=value]… [--per-class 3] [--draws 2]]
+    python tests/benchmarks/bench_solvers.py [--steps 5000] [--instances 3] [--run RUN [--set a.b=value]… [--per-class
+    3] [--draws 2]]
 
-Made problems have 10 keypoints and 2,048 candidates: points of a mirror-symmetric box with smooth features that cannot tell left from
-right, and keypoints of a somewhat different box, as a shot would give them. "better" and "worse": on how many problems than the discrete
-solver with 32 starts.
+Made problems have 10 keypoints and 2,048 candidates: points of a mirror-symmetric box with smooth features that cannot
+tell left from right, and keypoints of a somewhat different box, as a shot would give them. "better" and "worse": on how
+many problems than the discrete solver with 32 starts.
 """
 
 from __future__ import annotations
@@ -20,12 +22,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from schemas.keypoints import ShapeScore
-from stages.solvers.discrete import discrete
-from stages.solvers.hungarian import hungarian
-from stages.solvers.nearest import nearest
-from stages.solvers.objective import Problem, objective
-from stages.solvers.scaling import scale_features
+from b23d.schemas.scores import ShapeScore
+from b23d.stages.solvers.discrete import discrete
+from b23d.stages.solvers.hungarian import hungarian
+from b23d.stages.solvers.nearest import nearest
+from b23d.stages.solvers.objective import Problem, objective
+from b23d.stages.solvers.scaling import scale_features
 from tests.benchmarks.outside_solvers import Solver, outside_solvers
 from tests.benchmarks.run_problems import Posed, area, posed
 
@@ -62,7 +64,7 @@ def solvers(steps: int) -> dict[str, Solver]:
     for starts in (2, 32, 512):
         named[f"discrete, {starts} starts"] = lambda problem, starts=starts: discrete(problem, starts=starts)
     if steps:
-        from stages.solvers.softmax import softmax
+        from b23d.stages.solvers.softmax import softmax
 
         named[f"softmax, {steps} steps"] = lambda problem: softmax(problem, steps=steps)
     return {**named, **outside_solvers()}
@@ -106,7 +108,7 @@ def main() -> None:
             made = ((instance(seed, alpha=alpha), None) for seed in range(options.instances))
             compare(f"alpha {alpha:g}, 10 keypoints, 2,048 candidates", made, named)
     else:
-        from stages.api import load
+        from b23d.stages.workbench.api import load
 
         run = load(options.run, *options.set, 'outputs=["optimize"]')
         targets = posed(run, options.per_class)

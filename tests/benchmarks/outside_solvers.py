@@ -1,8 +1,9 @@
-"""Solvers of other libraries on the same problem: POT's semi-relaxed fused Gromov–Wasserstein, scipy's quadratic assignment.
+"""Solvers of other libraries on the same problem: POT's semi-relaxed fused Gromov–Wasserstein, scipy's quadratic
+assignment.
 
-None earns a place in the project: see `bench_solvers.py`, which measures them. They minimise other things than the objective:
-squares in the place of norms, so that α has to be translated (`trade_off`); and the quadratic assignment knows no sum of squares over a
-choice of candidates, only a product of affinities.
+None earns a place in the project: see `bench_solvers.py`, which measures them. They minimise other things than the
+objective: squares in the place of norms, so that α has to be translated (`trade_off`); and the quadratic assignment
+knows no sum of squares over a choice of candidates, only a product of affinities.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from stages.solvers.discrete import descend
-from stages.solvers.nearest import nearest
-from stages.solvers.objective import Problem, objective, residuals
+from b23d.stages.solvers.discrete import descend
+from b23d.stages.solvers.nearest import nearest
+from b23d.stages.solvers.objective import Problem, objective, residuals
 
 Solver = Callable[[Problem], np.ndarray]
 
@@ -36,7 +37,8 @@ def outside_solvers() -> dict[str, Solver]:
 
 
 def gromov_wasserstein(problem: Problem, entropy: float = 0.0, rounds: int = 2) -> np.ndarray:
-    """Each keypoint sends its mass to candidates, whose masses are free (Vincent-Cuaz et al., ICLR 2022): (k,) where most of it arrives.
+    """Each keypoint sends its mass to candidates, whose masses are free (Vincent-Cuaz et al., ICLR 2022): (k,) where
+    most of it arrives.
 
     entropy: of mirror descent; 0: conditional gradient. rounds: of translating α at the choice reached.
     """
@@ -53,13 +55,16 @@ def gromov_wasserstein(problem: Problem, entropy: float = 0.0, rounds: int = 2) 
                 costs, wanted, between, symmetric=True, epsilon=entropy, alpha=share, max_iter=300
             )
         else:
-            plan = semirelaxed_fused_gromov_wasserstein(costs, wanted, between, symmetric=True, alpha=share, max_iter=300)
+            plan = semirelaxed_fused_gromov_wasserstein(
+                costs, wanted, between, symmetric=True, alpha=share, max_iter=300
+            )
         choice = plan.argmax(1)
     return choice
 
 
 def quadratic_assignment(problem: Problem, method: str, each: int, width: float = 0.3) -> np.ndarray:
-    """scipy's, among the `each` candidates most like each keypoint; distances as Gaussian affinities, features as ties to anchors."""
+    """scipy's, among the `each` candidates most like each keypoint; distances as Gaussian affinities, features as ties
+    to anchors."""
     from scipy.optimize import quadratic_assignment
 
     pool = np.unique(problem.feature_costs.argsort(1)[:, :each])
@@ -71,7 +76,9 @@ def quadratic_assignment(problem: Problem, method: str, each: int, width: float 
     candidates[:p, p:] = (costs.max() - costs).T / (2 * weight * width**2 + 1e-9)
     keypoints[:k, p:] = np.eye(k)
     anchors = np.repeat(p + np.arange(k)[:, None], 2, axis=1)
-    result = quadratic_assignment(candidates, keypoints, method=method, options={"maximize": True, "partial_match": anchors})
+    result = quadratic_assignment(
+        candidates, keypoints, method=method, options={"maximize": True, "partial_match": anchors}
+    )
     return pool[np.argsort(result.col_ind)[:k]]
 
 

@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.plan import LeafNode, Node, State
-from pipeline.run import Run
-from schemas.artifact import Artifact
-from schemas.keypoints import Prediction, ShapeScore
-from schemas.shape import Keypoints, NormalizedShape
-from stages.optimize import OptimizeParams
-from stages.score import ScoreParams, score
-from stages.solvers.objective import Problem
-from stages.solvers.posing import pose
-from stages.solvers.shots import Template
+from b23d.pipeline.plan import LeafNode, Node, State
+from b23d.pipeline.run import Run
+from b23d.schemas.artifact import Artifact
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.scores import ShapeScore
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.optimize import OptimizeParams
+from b23d.stages.score import ScoreParams, score
+from b23d.stages.solvers.objective import Problem
+from b23d.stages.solvers.posing import pose
+from b23d.stages.solvers.shots import Template
 
 
 @dataclass(frozen=True)
@@ -41,14 +43,20 @@ class Posed:
             return None
         k = len(choice)
         prediction = Prediction(
-            ids=self.template.ids, points=choice.astype(np.int32), positions=self.normalize.points[choice],
-            present=np.ones(k, bool), costs=np.zeros(k, np.float32), objective=0.0, method="benchmark",
+            ids=self.template.ids,
+            points=choice.astype(np.int32),
+            positions=self.normalize.points[choice],
+            present=np.ones(k, bool),
+            costs=np.zeros(k, np.float32),
+            objective=0.0,
+            method="benchmark",
         )
         return score(self.normalize, prediction, self.keypoints, self.shot_keypoints, ScoreParams())
 
 
 def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
-    """Every target of every draw whose inputs are stored, a class at a time; at most `per_class` shapes of each class."""
+    """Every target of every draw whose inputs are stored, a class at a time; at most `per_class` shapes of each
+    class."""
     params = run.config.params["optimize"]
     assert isinstance(params, OptimizeParams)
     categories = {shape.name: shape.category for shape in run.shapes}
@@ -68,7 +76,9 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
     plan = run.plan()
     nodes: dict[str, list[tuple[int, Node]]] = {}
     for (stage, shape, draw), node in plan.by_shape.items():
-        if stage == "optimize" and all(above.state is State.CACHED for above in node.upstream() if isinstance(above, Node)):
+        if stage == "optimize" and all(
+            above.state is State.CACHED for above in node.upstream() if isinstance(above, Node)
+        ):
             nodes.setdefault(shape, []).append((draw or 0, node))
     taken: dict[str, int] = {}
     for shape in sorted(nodes, key=lambda name: (categories[name], name)):
@@ -80,8 +90,16 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
             inputs = {name: given(item) for name, item in node.inputs.items()}
             own = leaves[shape]
             template, problem = pose(**inputs, params=params)
-            yield Posed(category, shape, draw, template, problem, inputs["normalize"],
-                        None if own is None else loaded(own), inputs["shot_keypoints"])
+            yield Posed(
+                category,
+                shape,
+                draw,
+                template,
+                problem,
+                inputs["normalize"],
+                None if own is None else loaded(own),
+                inputs["shot_keypoints"],
+            )
 
 
 def loaded(leaf: Any) -> Any:

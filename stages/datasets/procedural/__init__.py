@@ -1,4 +1,5 @@
-"""Procedural: a data set of chairs, tables, airplanes and mugs made by the program itself, with exact keypoints and part labels.
+"""Procedural: a data set of chairs, tables, airplanes and mugs made by the program itself, with exact keypoints and
+part labels.
 
 Shape i of a class depends on (class, seed, i) only, so raising `count` changes none that were there.
 """
@@ -10,11 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.dataset import Dataset, Leaf, Shape, dataset
-from schemas.shape import Keypoints, Parts, Source
+from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.parts import Parts
+from b23d.schemas.shape import Source
 
 if TYPE_CHECKING:
-    from stages.datasets.procedural.assembling import Model
+    from b23d.stages.datasets.procedural.assembling import Model
 
 Category = Literal["chair", "table", "airplane", "mug"]
 VERSION = 2
@@ -69,11 +72,11 @@ def load_parts(files: dict[str, bytes], values: dict[str, Any]) -> Parts:
 
 def generated(category: str, seed: int, index: int) -> Model:
     """Shape `index` of a class: its surface, keypoints, parts, and the style that was drawn."""
-    from stages.datasets.procedural.airplanes import airplane
-    from stages.datasets.procedural.chairs import chair
-    from stages.datasets.procedural.drawing import Draw
-    from stages.datasets.procedural.mugs import mug
-    from stages.datasets.procedural.tables import table
+    from b23d.stages.datasets.procedural.airplanes import airplane
+    from b23d.stages.datasets.procedural.chairs import chair
+    from b23d.stages.datasets.procedural.drawing import Draw
+    from b23d.stages.datasets.procedural.mugs import mug
+    from b23d.stages.datasets.procedural.tables import table
 
     make = {"chair": chair, "table": table, "airplane": airplane, "mug": mug}[category]
     return make(Draw(category, seed, index))

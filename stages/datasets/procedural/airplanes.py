@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.datasets.procedural.assembling import Assembly, Model
-from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.engines import COWLING, FAN, NACELLE, SPINNER, blades, pylon, turned
-from stages.datasets.procedural.forms import box
-from stages.datasets.procedural.fuselages import Fuselage
-from stages.datasets.procedural.solids import Solid, crossing
-from stages.datasets.procedural.wings import Section, edges, fin, span
+from b23d.stages.datasets.procedural.assembling import Assembly, Model
+from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.engines import COWLING, FAN, NACELLE, SPINNER, blades, pylon, turned
+from b23d.stages.datasets.procedural.forms import box
+from b23d.stages.datasets.procedural.fuselages import Fuselage
+from b23d.stages.datasets.procedural.solids import Solid, crossing
+from b23d.stages.datasets.procedural.wings import Section, edges, fin, span
 
 KEYPOINTS = (
     "nose", "cockpit_top", "tail_end", "left_wing_tip", "left_wing_root_front", "right_wing_tip", "right_wing_root_front",
@@ -90,13 +90,17 @@ def _wing_plan(draw: Draw, family: str, fuselage: Fuselage, style: dict[str, str
     high = draw.chance({"airliner": 0.12, "business": 0.0, "turboprop": 0.6, "light": 0.5, "glider": 0.6}[family])
     style["height"] = "high" if high else "low"
     y = fuselage.radius * (draw.between(0.6, 0.75) if high else draw.between(-0.65, -0.45))
-    dihedral = np.tan(np.radians(draw.between(-2.0, 1.5) if high and family == "airliner" else draw.between(2.0, 6.5) - 2.0 * high))
+    dihedral = np.tan(
+        np.radians(draw.between(-2.0, 1.5) if high and family == "airliner" else draw.between(2.0, 6.5) - 2.0 * high)
+    )
     if family in ("airliner", "business"):
         root, tip = draw.between(0.19, 0.25), draw.between(0.05, 0.075)
         sweep, half = np.tan(np.radians(draw.between(24, 36))), draw.between(0.42, 0.56)
         kink = draw.between(0.3, 0.4)
         chords = (root, tip + (root - tip) * draw.between(0.42, 0.55), tip)
-        return Wing(half, chords, kink, sweep, dihedral, y, draw.between(-0.16, -0.1) + (0.08 if family == "business" else 0.0))
+        return Wing(
+            half, chords, kink, sweep, dihedral, y, draw.between(-0.16, -0.1) + (0.08 if family == "business" else 0.0)
+        )
     root, half, sweep = {
         "turboprop": (draw.between(0.13, 0.16), draw.between(0.48, 0.58), draw.between(0.0, 0.08)),
         "light": (draw.between(0.17, 0.22), draw.between(0.6, 0.72), draw.between(0.0, 0.06)),
@@ -104,7 +108,9 @@ def _wing_plan(draw: Draw, family: str, fuselage: Fuselage, style: dict[str, str
     }[family]
     taper = draw.between(0.45, 0.95) if family == "light" else draw.between(0.4, 0.6)
     front = {"turboprop": -0.11, "light": -0.24, "glider": -0.2}[family]
-    return Wing(half, (root, root, root * taper), draw.between(0.35, 0.6), sweep, dihedral, y, front + draw.between(-0.02, 0.03))
+    return Wing(
+        half, (root, root, root * taper), draw.between(0.35, 0.6), sweep, dihedral, y, front + draw.between(-0.02, 0.03)
+    )
 
 
 def _cockpit(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing: Wing, body: Solid) -> None:
@@ -138,7 +144,9 @@ def _wing(shape: Assembly, draw: Draw, family: str, wing: Wing, body: Solid) -> 
     tips = draw.pick({"plain": 0.5, "winglets": 0.5}) if family in ("airliner", "business", "glider") else "plain"
     shape.style["tips"] = tips
     if tips == "winglets":
-        sections += _winglet(sections[-1], draw.between(0.035, 0.07) * (0.7 if family == "glider" else 1.0), draw.between(1.0, 1.4))
+        sections += _winglet(
+            sections[-1], draw.between(0.035, 0.07) * (0.7 if family == "glider" else 1.0), draw.between(1.0, 1.4)
+        )
     solid = span(sections, STEP)
     shape.add("wing", solid)
     shape.mark_pair("wing_tip", solid.vertices[-1])
@@ -151,7 +159,9 @@ def _winglet(tip: Section, high: float, bank: float) -> list[Section]:
     return [
         Section((x + bow * 0.8, y + bow * 0.35, z + bow), tip.chord * 0.9, 0.09, bank / 2),
         Section((x + bow * 1.2, y + bow, z + bow * 1.9), tip.chord * 0.75, 0.08, bank),
-        Section((x + bow * 1.2 + (high - bow) / np.tan(bank), y + high, z + bow * 1.9 + high), tip.chord * 0.4, 0.08, bank),
+        Section(
+            (x + bow * 1.2 + (high - bow) / np.tan(bank), y + high, z + bow * 1.9 + high), tip.chord * 0.4, 0.08, bank
+        ),
     ]
 
 
@@ -183,7 +193,9 @@ def _tail(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage) -> None:
     shape.add("tail", upright)
     if kind == "conventional":
         shape.mark("fin_top", upright.vertices[-1])
-        _tailplane(shape, Wing(half, (chord, chord * 0.85, chord * 0.5), 0.3, swept * 0.9, draw.between(0.0, 0.12), y, front))
+        _tailplane(
+            shape, Wing(half, (chord, chord * 0.85, chord * 0.5), 0.3, swept * 0.9, draw.between(0.0, 0.12), y, front)
+        )
         return
     plan = Wing(half * 0.85, (top * 1.1, top, top * 0.6), 0.3, swept * 0.6, 0.0, low + rise, head.leading[2] - 0.02)
     plane = _tailplane(shape, plan)
@@ -216,7 +228,10 @@ def _engines(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing:
         x, y = beside + radius * 1.35, float(fuselage.middle(front + 0.05)) + 0.35 * beside
         _jet(shape, "tail_engine", radius, long, (x, y, front - 0.5))
         thin = radius * 0.16
-        shape.add_pair("engine", box((beside * 0.5, y - thin, front - 0.5 + long * 0.35), (x, y + thin, front - 0.5 + long * 0.85), STEP))
+        shape.add_pair(
+            "engine",
+            box((beside * 0.5, y - thin, front - 0.5 + long * 0.35), (x, y + thin, front - 0.5 + long * 0.85), STEP),
+        )
     elif family in ("airliner", "turboprop"):
         count = "four" if draw.chance(0.35) else "two"
         shape.style["engines"] = f"{count} at wing"
@@ -251,5 +266,7 @@ def _propeller(shape: Assembly, name: str, radius: float, long: float, wing: Sec
     front = (x, y, z - long * 0.52)
     spinner = turned(SPINNER, radius, long, STEP / 2).moved(*front)
     shape.add_pair("engine", turned(COWLING, radius, long, STEP / 2).moved(*front), spinner)
-    shape.add_pair("engine", *(vane.moved(*front) for vane in blades(radius, radius * 2.4, long * 0.12, cross=True)), tint="dark")
+    shape.add_pair(
+        "engine", *(vane.moved(*front) for vane in blades(radius, radius * 2.4, long * 0.12, cross=True)), tint="dark"
+    )
     shape.mark_pair(name, spinner.vertices[-2])

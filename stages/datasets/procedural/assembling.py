@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stages.datasets.procedural.solids import Solid
+from b23d.stages.datasets.procedural.solids import Solid
 
 
 @dataclass(frozen=True)
 class Model:
-    """A finished shape. Up is +y, the front is -z (KeypointNet's convention: noses and seat fronts at -z); right is +x."""
+    """A finished shape. Up is +y, the front is -z (KeypointNet's convention: noses and seat fronts at -z); right is
+    +x."""
 
     vertices: np.ndarray
     """float32 (v, 3)"""
@@ -94,9 +95,13 @@ class Assembly:
         colors = np.array([list(bytes.fromhex(color[1:])) for _, _, color in self._solids], np.uint8)
         return Model(
             vertices=(vertices * scale).astype(np.float32) + np.float32(0.0),  # + 0: a negated zero is written as zero
-            faces=np.concatenate([solid.faces + at for (solid, _, _), at in zip(self._solids, offsets, strict=True)]).astype(np.int32),
+            faces=np.concatenate(
+                [solid.faces + at for (solid, _, _), at in zip(self._solids, offsets, strict=True)]
+            ).astype(np.int32),
             colors=np.repeat(colors, counts, axis=0),
-            face_labels=np.concatenate([np.full(len(solid.faces), label, np.int32) for solid, label, _ in self._solids]),
+            face_labels=np.concatenate(
+                [np.full(len(solid.faces), label, np.int32) for solid, label, _ in self._solids]
+            ),
             part_names=list(self.part_names),
             keypoint_ids=np.array(ids, np.int32),
             keypoints=(np.stack([self._marks[i] for i in ids]) * scale).astype(np.float32).astype(np.float64) + 0.0,

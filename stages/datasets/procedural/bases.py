@@ -1,21 +1,29 @@
 """What chairs and tables stand on: four legs, or a column with a disc or a star of feet. All stand on y = 0.
 
-Keypoints set here: `left_front_foot`, `right_front_foot`, `left_back_foot`, `right_back_foot` (the outermost point where
-a leg, runner or star foot meets the ground), `back_foot` (the odd foot of a five-star), `column_bottom` (its underside).
+Keypoints set here: `left_front_foot`, `right_front_foot`, `left_back_foot`, `right_back_foot` (the outermost point
+where a leg, runner or star foot meets the ground), `back_foot` (the odd foot of a five-star), `column_bottom` (its
+underside).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural.assembling import Assembly
-from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.forms import at, beam, beam_solid, box, post, post_solid
-from stages.datasets.procedural.solids import refined, revolve
+from b23d.stages.datasets.procedural.assembling import Assembly
+from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.forms import at, beam, beam_solid, box, post, post_solid
+from b23d.stages.datasets.procedural.solids import refined, revolve
 
 
 def four_legs(
-    shape: Assembly, draw: Draw, part: str, front: tuple[float, float], back: tuple[float, float], height: float, thick: float, step: float
+    shape: Assembly,
+    draw: Draw,
+    part: str,
+    front: tuple[float, float],
+    back: tuple[float, float],
+    height: float,
+    thick: float,
+    step: float,
 ) -> None:
     """Four legs whose tops are at (x, z) = `front` and `back` and the images of these. `thick`: width at the top.
 
@@ -41,7 +49,9 @@ def four_legs(
     _braces(shape, part, braces, middles["front"], middles["back"], thick * 0.3 * (1 + taper), step)
 
 
-def _braces(shape: Assembly, part: str, kind: str, front: np.ndarray, back: np.ndarray, size: float, step: float) -> None:
+def _braces(
+    shape: Assembly, part: str, kind: str, front: np.ndarray, back: np.ndarray, size: float, step: float
+) -> None:
     """Stretchers between legs whose axes pass through `front` and `back` at the right."""
     if kind == "none":
         return
@@ -64,7 +74,15 @@ def _high(end: np.ndarray, size: float) -> tuple[float, float, float]:
 
 
 def pedestal(
-    shape: Assembly, draw: Draw, part: str, kind: str, reach: float, height: float, thick: float, step: float, turned: bool = False
+    shape: Assembly,
+    draw: Draw,
+    part: str,
+    kind: str,
+    reach: float,
+    height: float,
+    thick: float,
+    step: float,
+    turned: bool = False,
 ) -> None:
     """A column up to `height` with a base of radius `reach`; `kind`: "disc", "four star" or "five star".
 
@@ -78,7 +96,14 @@ def pedestal(
     if kind == "disc":
         rim = reach * 0.025 + 0.008
         column = column[column[:, 1] > 3 * rim]
-        base = [[0.0, 0.0], [reach - rim / 2, 0.0], [reach, rim / 2], [reach - rim / 2, rim], [radius * 1.6, 2 * rim], [radius, 3 * rim]]
+        base = [
+            [0.0, 0.0],
+            [reach - rim / 2, 0.0],
+            [reach, rim / 2],
+            [reach - rim / 2, rim],
+            [radius * 1.6, 2 * rim],
+            [radius, 3 * rim],
+        ]
         profile = np.concatenate([base, column, [[0.0, height]]])
     else:
         floor = foot_height * 0.35
@@ -91,7 +116,8 @@ def pedestal(
 
 
 def _star(shape: Assembly, part: str, kind: str, reach: float, high: float, radius: float, step: float) -> None:
-    """Feet that slope from the column to the ground, seen from above as an X or as a star with its odd foot at the back."""
+    """Feet that slope from the column to the ground, seen from above as an X or as a star with its odd foot at the
+    back."""
     width = (radius * 1.3, radius * 0.8)
     tall = (high * 0.45, high * 0.2)
 
@@ -103,7 +129,10 @@ def _star(shape: Assembly, part: str, kind: str, reach: float, high: float, radi
     turn = np.sqrt(0.5)
     directions = [("front", turn, -turn), ("back", turn, turn)]
     if kind == "five star":
-        directions = [("front", np.sin(np.pi / 5), -np.cos(np.pi / 5)), ("back", np.cos(np.pi / 10), np.sin(np.pi / 10))]
+        directions = [
+            ("front", np.sin(np.pi / 5), -np.cos(np.pi / 5)),
+            ("back", np.cos(np.pi / 10), np.sin(np.pi / 10)),
+        ]
         inner, outer = foot(0.0, 1.0)
         odd = beam(inner, outer, width, tall)
         shape.add(part, beam_solid(odd, reach, step))

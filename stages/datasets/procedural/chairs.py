@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.datasets.procedural.assembling import Assembly, Model
-from stages.datasets.procedural.bases import four_legs, pedestal
-from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.forms import at, box, plate, post, post_solid, slab, upright
-from stages.datasets.procedural.solids import Place, Solid, refined, tube
+from b23d.stages.datasets.procedural.assembling import Assembly, Model
+from b23d.stages.datasets.procedural.bases import four_legs, pedestal
+from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.forms import at, box, plate, post, post_solid, slab, upright
+from b23d.stages.datasets.procedural.solids import Place, Solid, refined, tube
 
 KEYPOINTS = (
     "left_back_top", "right_back_top", "left_seat_back", "right_seat_back", "left_seat_front", "right_seat_front",
@@ -139,11 +139,20 @@ def _back(shape: Assembly, draw: Draw, f: Frame, kind: str) -> None:
             count = draw.whole(2, 4)
             gap = (high - rail) / count
             for k in range(count):
-                _rail(shape, f, gap * (k + 0.35), gap * (k + 0.35) + min(rail, 0.42 * gap), wide - thick * 0.6, thick * 0.6)
+                _rail(
+                    shape,
+                    f,
+                    gap * (k + 0.35),
+                    gap * (k + 0.35) + min(rail, 0.42 * gap),
+                    wide - thick * 0.6,
+                    thick * 0.6,
+                )
         else:
             lower = draw.between(0.06, 0.12)
             _rail(shape, f, lower, lower + 0.03, wide - thick * 0.6, thick * 0.8)
-            _spindles(shape, f, draw.whole(2, 4), wide - thick, lower + 0.01, high - rail / 2, thick * draw.between(0.2, 0.35))
+            _spindles(
+                shape, f, draw.whole(2, 4), wide - thick, lower + 0.01, high - rail / 2, thick * draw.between(0.2, 0.35)
+            )
 
 
 def _panel(shape: Assembly, f: Frame, low: float, round_top: float, thick: float) -> None:
@@ -158,7 +167,9 @@ def _panel(shape: Assembly, f: Frame, low: float, round_top: float, thick: float
 
 
 def _posts(shape: Assembly, f: Frame, x: float, high: float, half: float) -> None:
-    upright_post = post(np.array([x, high, 0.0]), np.array([x, -f.thickness * 0.7, 0.0]), (half, half), (half, half), False)
+    upright_post = post(
+        np.array([x, high, 0.0]), np.array([x, -f.thickness * 0.7, 0.0]), (half, half), (half, half), False
+    )
     shape.add_pair("back", post_solid(upright_post, high, STEP, False).placed(f.leaning))
 
 
@@ -250,7 +261,9 @@ def _arms(shape: Assembly, draw: Draw, f: Frame, foremost: float, panel: bool) -
     top = f.height + above
 
     low = f.height - f.thickness * 0.5 if panel else top - thick
-    rest = plate((wide / 2, (top - low) / 2, (z_back - z_front) / 2), front=0.0 if panel else 0.4, edge=0.3 * min(wide, thick))
+    rest = plate(
+        (wide / 2, (top - low) / 2, (z_back - z_front) / 2), front=0.0 if panel else 0.4, edge=0.3 * min(wide, thick)
+    )
 
     def place(lattice: np.ndarray) -> np.ndarray:
         return rest(lattice) + np.array([x, (top + low) / 2, (z_back + z_front) / 2])
@@ -259,5 +272,11 @@ def _arms(shape: Assembly, draw: Draw, f: Frame, foremost: float, panel: bool) -
     shape.mark_pair("arm_front", at(place, 0, 1, -1))
     if not panel:
         half, z = thick * 0.45, z_front + draw.between(0.03, 0.08)
-        support = post(np.array([x, top - thick / 2, z]), np.array([x, f.height - f.thickness / 2, z]), (half, half), (half, half), False)
+        support = post(
+            np.array([x, top - thick / 2, z]),
+            np.array([x, f.height - f.thickness / 2, z]),
+            (half, half),
+            (half, half),
+            False,
+        )
         shape.add_pair("arm", post_solid(support, above, STEP, False))

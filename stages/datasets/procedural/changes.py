@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural import generated
-from stages.datasets.procedural.assembling import Model
-from stages.datasets.procedural.isometric import isometric_cubes
-from stages.datasets.procedural.solids import Solid
+from b23d.stages.datasets.procedural import generated
+from b23d.stages.datasets.procedural.assembling import Model
+from b23d.stages.datasets.procedural.isometric import isometric_cubes
+from b23d.stages.datasets.procedural.solids import Solid
 
 LONGER = 1.4
 """A box's length over its width: more than width and dent together, so that its dent does not change its scale."""
@@ -37,7 +37,8 @@ def bumped_table(reach: float = 0.13, height: float = 0.06) -> tuple[Solid, Soli
 
 
 def stretched_airplane(start: float = 0.1, factor: float = 1.3) -> tuple[Solid, Solid]:
-    """An airplane; with its body behind `start` (z) drawn out. Wings, engines and tail stay, and the span stays the longest side."""
+    """An airplane; with its body behind `start` (z) drawn out. Wings, engines and tail stay, and the span stays the
+    longest side."""
     model = generated("airplane", 0, 12)
     after = model.vertices.astype(np.float64)
     rear = _of_part(model, "body") & (after[:, 2] > start)

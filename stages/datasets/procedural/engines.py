@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural.solids import Solid, block, refined, revolve
+from b23d.stages.datasets.procedural.solids import Solid, block, refined, revolve
 
 NACELLE = np.array(
     [[0, 0.2], [0.81, 0.2], [0.82, 0.06], [0.86, 0.015], [0.91, 0], [0.96, 0.03], [1, 0.15], [1.02, 0.35],
@@ -16,7 +16,8 @@ SPINNER = np.array([[0, 0.0], [0.16, 0.02], [0.28, 0.07], [0.36, 0.14], [0.36, 0
 
 
 def turned(profile: np.ndarray, radius: float, long: float, step: float, n: int = 24) -> Solid:
-    """A profile (m, 2) of radius and way back, in shares of `radius` and `long`, turned about z; its front is at z = 0."""
+    """A profile (m, 2) of radius and way back, in shares of `radius` and `long`, turned about z; its front is at z =
+    0."""
     return revolve(refined(profile * np.array([radius, long]), step), n).placed(lambda points: points[:, [0, 2, 1]])
 
 

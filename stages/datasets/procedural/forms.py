@@ -7,16 +7,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural.solids import Place, Solid, block, even
+from b23d.stages.datasets.procedural.solids import Place, Solid, block, even
 
 
 def plate(
-    half: tuple[float, float, float], front: float = 0.0, back: float = 0.0, edge: float = 0.0, taper: float = 0.0, dome: float = 0.0
+    half: tuple[float, float, float],
+    front: float = 0.0,
+    back: float = 0.0,
+    edge: float = 0.0,
+    taper: float = 0.0,
+    dome: float = 0.0,
 ) -> Place:
     """Where a lattice point goes in a level plate with half sizes `half`, centred at the origin.
 
-    `front`, `back`: roundness of the outline of either half, 0 a rectangle's, 1 an ellipse's. `edge`: radius of the edges.
-    `taper`: by what share the back is narrower than the middle (and the front wider). `dome`: height the middle rises.
+    `front`, `back`: roundness of the outline of either half, 0 a rectangle's, 1 an ellipse's. `edge`: radius of the
+    edges. `taper`: by what share the back is narrower than the middle (and the front wider). `dome`: height the middle
+    rises.
     """
 
     def place(lattice: np.ndarray) -> np.ndarray:
@@ -41,7 +47,8 @@ def upright(place: Place) -> Place:
 
 
 def slab(place: Place, size: tuple[float, float, float], step: float, rounded_edges: bool = False) -> Solid:
-    """A block of about `size` with cells of about `step`; four cells through its thinnest side where edges are rounded."""
+    """A block of about `size` with cells of about `step`; four cells through its thinnest side where edges are
+    rounded."""
     cells = [even(length, step) for length in size]
     if rounded_edges:
         cells[int(np.argmin(size))] = 4
@@ -55,7 +62,9 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], step:
     return slab(lambda lattice: (a + b) / 2 + lattice * size / 2, (size[0], size[1], size[2]), step)
 
 
-def post(top: np.ndarray, bottom: np.ndarray, half_top: tuple[float, float], half_bottom: tuple[float, float], round_: bool) -> Place:
+def post(
+    top: np.ndarray, bottom: np.ndarray, half_top: tuple[float, float], half_bottom: tuple[float, float], round_: bool
+) -> Place:
     """A leg or post from `bottom` to `top` (3,), ends level; half sizes in x and z at either end."""
 
     def place(lattice: np.ndarray) -> np.ndarray:
@@ -76,7 +85,8 @@ def post_solid(place: Place, length: float, step: float, round_: bool) -> Solid:
 
 
 def beam(start: np.ndarray, end: np.ndarray, width: tuple[float, float], height: tuple[float, float]) -> Place:
-    """A bar from `start` to `end` (3,): w runs along it, u across it and level, v upright. Sizes are (at start, at end)."""
+    """A bar from `start` to `end` (3,): w runs along it, u across it and level, v upright. Sizes are (at start, at
+    end)."""
     along = end - start
     across = np.array([along[2], 0.0, -along[0]]) / np.hypot(along[0], along[2])
 

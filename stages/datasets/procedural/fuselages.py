@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.datasets.procedural.solids import Solid, circle, loft, refined, revolve
+from b23d.stages.datasets.procedural.solids import Solid, circle, loft, refined, revolve
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,9 @@ class Fuselage:
         stations = np.concatenate([early, np.linspace(self.nose, 1.0, 34)[1:]])
         turn = circle(28)
         radius, middle = self.half_width(stations)[:, None], self.middle(stations)[:, None]
-        rings = np.stack([radius * turn[:, 0], middle + radius * turn[:, 1], stations[:, None] - 0.5 + 0.0 * turn[:, 0]], -1)
+        rings = np.stack(
+            [radius * turn[:, 0], middle + radius * turn[:, 1], stations[:, None] - 0.5 + 0.0 * turn[:, 0]], -1
+        )
         tip = np.array([0.0, self.middle(0.0), -0.5])
         end = np.array([0.0, self.middle(1.0), 0.5 + 0.4 * self.radius * self.end])
         return loft(refined(rings, step), start=tip, end=end)
@@ -60,12 +62,15 @@ class Fuselage:
         stations = np.linspace(first, last, 6)
         angle = np.linspace(0.0, reach, 11)
         radius, middle = 1.015 * self.half_width(stations)[:, None], self.middle(stations)[:, None]
-        arc = np.stack([radius * np.sin(angle), middle + radius * np.cos(angle), stations[:, None] - 0.5 + 0.0 * angle], -1)
+        arc = np.stack(
+            [radius * np.sin(angle), middle + radius * np.cos(angle), stations[:, None] - 0.5 + 0.0 * angle], -1
+        )
         floor = arc[:, -1:] * np.array([0.0, 1.0, 1.0]) - np.stack([0 * radius, 0.2 * radius, 0 * radius], -1)
         return loft(np.concatenate([arc, floor, arc[:, :0:-1] * np.array([-1.0, 1.0, 1.0])], 1))
 
     def canopy(self, at: float, long: float) -> Solid:
-        """A bubble half sunk into the top, `long` from front to rear; its first and last but one vertex are its poles."""
+        """A bubble half sunk into the top, `long` from front to rear; its first and last but one vertex are its
+        poles."""
         turn = np.linspace(-np.pi / 2, np.pi / 2, 13)
         ball = revolve(np.stack([np.cos(turn) * (np.abs(turn) < 1.57), np.sin(turn)], -1), 24)
         wide = float(self.half_width(at))

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural.solids import Solid, block
+from b23d.stages.datasets.procedural.solids import Solid, block
 
 
 def isometric_cubes(cells: int = 16, depth: float = 0.2, reach: float = 0.36) -> tuple[Solid, Solid]:
     """The unit cube with its upper side dented inwards, and outwards: (in, out), same connectivity, same edge lengths.
 
-    The upper side lies in y = 0, so that its dent's mirror image is exact. `cells`: cells along an edge (even). `depth`: of
-    the dent, at its middle; `reach`: its radius, less than .5. The dent is (1 - (r / reach)²)² times its depth: smooth, and 0
-    at and beyond its rim. A dent is a graph over the side, so mirroring it in the side's plane changes no length in it.
+    The upper side lies in y = 0, so that its dent's mirror image is exact. `cells`: cells along an edge (even).
+    `depth`: of the dent, at its middle; `reach`: its radius, less than .5. The dent is (1 - (r / reach)²)² times its
+    depth: smooth, and 0 at and beyond its rim. A dent is a graph over the side, so mirroring it in the side's plane
+    changes no length in it.
 
     Raises ValueError where the dent would reach the side's edge or the opposite side.
     """
     if not (0 < reach < 0.5 and 0 < depth < 1):
-        raise ValueError(f"isometric cubes: expected 0 < reach < 0.5 and 0 < depth < 1, got {reach} and {depth}; make the dent smaller")
+        raise ValueError(
+            f"isometric cubes: expected 0 < reach < 0.5 and 0 < depth < 1, got {reach} and {depth}; make the dent smaller"
+        )
 
     def dented(sign: float) -> Solid:
         def place(lattice: np.ndarray) -> np.ndarray:

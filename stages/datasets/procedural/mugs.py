@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural.assembling import Assembly, Model
-from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.solids import Solid, crossing, refined, revolve, tube
+from b23d.stages.datasets.procedural.assembling import Assembly, Model
+from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.solids import Solid, crossing, refined, revolve, tube
 
 KEYPOINTS = (
     "front_rim", "back_rim", "left_rim", "right_rim", "front_base", "back_base", "left_base", "right_base",
@@ -82,13 +82,22 @@ def _body(outer: np.ndarray, wall: float, floor: float) -> tuple[Solid, dict[str
     bevel = 0.25 * wall
     turn = np.linspace(0.0, np.pi, 7)
     lip = rim + np.array([-wall / 2, 0.0]) + wall / 2 * np.stack([np.cos(turn), np.sin(turn)], -1)
-    under = [[0.0, _hollow(wall)], [foot[0] - 2.2 * wall, _hollow(wall)], [foot[0] - 1.6 * wall, 0.0], [foot[0] - bevel, 0.0]]
-    outside = np.concatenate([[[foot[0], bevel]], outer[(outer[:, 1] > 2 * bevel) & (outer[:, 1] < rim[1] - 1e-9)], lip])
+    under = [
+        [0.0, _hollow(wall)],
+        [foot[0] - 2.2 * wall, _hollow(wall)],
+        [foot[0] - 1.6 * wall, 0.0],
+        [foot[0] - bevel, 0.0],
+    ]
+    outside = np.concatenate(
+        [[[foot[0], bevel]], outer[(outer[:, 1] > 2 * bevel) & (outer[:, 1] < rim[1] - 1e-9)], lip]
+    )
     heights = outer[::-1, 1]
     inner = np.stack([outer[::-1, 0] - wall, heights], -1)[1:]
     inner = inner[inner[:, 1] > floor + 0.7 * wall]
     corner = np.interp(floor, outer[:, 1], outer[:, 0]) - wall
-    inside = np.concatenate([inner, [[corner - 0.25 * wall, floor + 0.25 * wall], [corner - wall, floor], [0.0, floor]]])
+    inside = np.concatenate(
+        [inner, [[corner - 0.25 * wall, floor + 0.25 * wall], [corner - wall, floor], [0.0, floor]]]
+    )
     profile = refined(np.concatenate([under, outside, inside]), STEP)
     marks = {"rim": lip[3], "base": np.array([foot[0], bevel])}
     return revolve(profile, AROUND), marks
@@ -97,14 +106,19 @@ def _body(outer: np.ndarray, wall: float, floor: float) -> tuple[Solid, dict[str
 def _handle(shape: Assembly, draw: Draw, kind: str, body: Solid, height: float, wall: float) -> None:
     """A bow in the plane x = 0 that stands on the straight line between its two ends, which are halfway into the wall.
 
-    The bow is half a superellipse: exponent 2.2 nearly a ring's, 4 nearly a rectangle's; an ear's is drawn out at the top.
+    The bow is half a superellipse: exponent 2.2 nearly a ring's, 4 nearly a rectangle's; an ear's is drawn out at the
+    top.
     """
     squat = height < 7.0
-    top, bottom = height * draw.between(0.74, 0.86), height * (draw.between(0.4, 0.48) if squat else draw.between(0.18, 0.34))
+    top, bottom = (
+        height * draw.between(0.74, 0.86),
+        height * (draw.between(0.4, 0.48) if squat else draw.between(0.18, 0.34)),
+    )
     reach = height * (draw.between(0.42, 0.52) if squat else draw.between(0.3, 0.4))
     outside = _outer_only(body)
     low, high = (
-        crossing(np.array([[0.0, h, 0.0], [0.0, h, 99.0]]), outside) - np.array([0.0, 0.0, wall / 2]) for h in (bottom, top)
+        crossing(np.array([[0.0, h, 0.0], [0.0, h, 99.0]]), outside) - np.array([0.0, 0.0, wall / 2])
+        for h in (bottom, top)
     )
     turn = np.linspace(-np.pi / 2, np.pi / 2, 33)
     sine, cosine = np.sin(turn), np.abs(np.cos(turn))

@@ -1,7 +1,7 @@
 """Pairs: shapes that differ from one another in one known place, with a cloud of corresponding points each.
 
-Point i of one is where point i of the other is: the same place on the same face. Their clouds are their candidates (which
-`normalize` sees to), so that their artifacts compare row by row.
+Point i of one is where point i of the other is: the same place on the same face. Their clouds are their candidates
+(which `normalize` sees to), so that their artifacts compare row by row.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from pipeline.dataset import Dataset, Leaf, Shape, dataset
-from schemas.shape import Source
+from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
+from b23d.schemas.shape import Source
 
 if TYPE_CHECKING:
-    from stages.datasets.procedural.solids import Solid
+    from b23d.stages.datasets.procedural.solids import Solid
 
 Pair = Literal["cubes", "boxes", "bump", "stretch", "engines"]
 IDS: dict[Pair, tuple[str, str]] = {
@@ -35,9 +35,9 @@ DENSITY = 10
 class Pairs(Dataset):
     kind: Literal["pairs"]
     pairs: list[Pair] = ["cubes", "bump", "stretch", "engines"]
-    """cubes: isometric, one side dented in or out (the paper's example). boxes: the same, longer than the dent is high, so that
-    both have one scale. bump: a smooth bump on a table's top. stretch: an airplane's rear body drawn out, its tail untouched.
-    engines: an airplane's engines above its wings, not below."""
+    """cubes: isometric, one side dented in or out (the paper's example). boxes: the same, longer than the dent is high,
+    so that both have one scale. bump: a smooth bump on a table's top. stretch: an airplane's rear body drawn out, its
+    tail untouched. engines: an airplane's engines above its wings, not below."""
     points: int = Field(2048, ge=8)
 
     def shapes(self) -> list[Shape]:
@@ -46,13 +46,19 @@ class Pairs(Dataset):
         return sorted(found, key=lambda shape: shape.name)
 
     def _shape(self, pair: Pair, name: str) -> Shape:
-        values = {"leaf": "source", "pair": pair, "which": IDS[pair].index(name), "points": self.points, "version": VERSION}
+        values = {
+            "leaf": "source",
+            "pair": pair,
+            "which": IDS[pair].index(name),
+            "points": self.points,
+            "version": VERSION,
+        }
         return Shape(name, pair, {"source": Leaf(load_source, values)})
 
 
 def load_source(files: dict[str, bytes], values: dict[str, Any]) -> Source:
     """The surface as OFF, and its points as NPZ."""
-    from stages.geometry.sampling import farthest_points, place, surface_samples
+    from b23d.stages.geometry.sampling import farthest_points, place, surface_samples
 
     both = made(values["pair"])
     first, wanted = both[0], both[values["which"]]
@@ -62,12 +68,14 @@ def load_source(files: dict[str, bytes], values: dict[str, Any]) -> Source:
     stream = io.BytesIO()
     np.savez(stream, points=points)
     name = f"{values['pair']}/{IDS[values['pair']][values['which']]}"
-    return Source(shape=name, files={"mesh.off": _off(wanted), "cloud.npz": stream.getvalue()}, mesh="mesh.off", cloud="cloud.npz")
+    return Source(
+        shape=name, files={"mesh.off": _off(wanted), "cloud.npz": stream.getvalue()}, mesh="mesh.off", cloud="cloud.npz"
+    )
 
 
 def made(pair: Pair) -> tuple[Solid, Solid]:
     """Both shapes of a pair: one list of faces, two of vertices; in one frame, equal but where the pair differs."""
-    from stages.datasets.procedural import changes
+    from b23d.stages.datasets.procedural import changes
 
     return {
         "cubes": changes.dented_cubes,

@@ -67,16 +67,21 @@ def block(cells: tuple[int, int, int], place: Place) -> Solid:
 
 
 def loft(
-    rings: np.ndarray, start: np.ndarray | None = None, end: np.ndarray | None = None, mirror: Literal["around", "along"] = "around"
+    rings: np.ndarray,
+    start: np.ndarray | None = None,
+    end: np.ndarray | None = None,
+    mirror: Literal["around", "along"] = "around",
 ) -> Solid:
     """A skin over closed rings (m, n, 3) of equal n, closed by fans at both ends.
 
     `start`, `end` (3,): the middle of each fan; the mean of the ring where None.
-    `mirror`: how the solid is symmetric in x. "around": vertex j of each ring is the image of vertex n - j (vertex 0 has
-    x = 0). "along": ring i is the image of ring m - 1 - i, vertex for vertex.
+    `mirror`: how the solid is symmetric in x. "around": vertex j of each ring is the image of vertex n - j (vertex 0
+    has x = 0). "along": ring i is the image of ring m - 1 - i, vertex for vertex.
     """
     m, n = rings.shape[:2]
-    tips = [ring.mean(0) if tip is None else np.asarray(tip, float) for tip, ring in ((start, rings[0]), (end, rings[-1]))]
+    tips = [
+        ring.mean(0) if tip is None else np.asarray(tip, float) for tip, ring in ((start, rings[0]), (end, rings[-1]))
+    ]
     if mirror == "around":
         tips = [tip * np.array([0.0, 1.0, 1.0]) for tip in tips]
     i, j = np.meshgrid(np.arange(m - 1), np.arange(n), indexing="ij")
@@ -91,7 +96,8 @@ def loft(
 
 
 def circle(n: int) -> np.ndarray:
-    """(n, 2) sines and cosines of a full turn from 0; n a multiple of 4; exactly symmetric under mirrors and quarter turns."""
+    """(n, 2) sines and cosines of a full turn from 0; n a multiple of 4; exactly symmetric under mirrors and quarter
+    turns."""
     quarter = np.sin(np.linspace(0.0, np.pi / 2, n // 4 + 1))
     quarter[0], quarter[-1] = 0.0, 1.0
     rise, fall = quarter[:-1], quarter[:0:-1]
@@ -110,15 +116,17 @@ def revolve(profile: np.ndarray, n: int = 32) -> Solid:
 def tube(path: np.ndarray, across: np.ndarray, size: tuple[float, float], n: int = 12) -> Solid:
     """A tube with an elliptic section along a plane path (m, 3).
 
-    `across` (3,): unit normal of the path's plane. `size`: half axes of the section, across the plane and in it. Along a
-    path in x = 0 the solid is symmetric "around"; along one that is its own image in x, "along".
+    `across` (3,): unit normal of the path's plane. `size`: half axes of the section, across the plane and in it. Along
+    a path in x = 0 the solid is symmetric "around"; along one that is its own image in x, "along".
     """
     forward = np.gradient(path, axis=0)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     inward = np.cross(forward, across)
     turn = circle(n)
     offsets = size[0] * turn[:, :1] * across + size[1] * turn[:, 1:] * inward[:, None, :]
-    return loft(path[:, None, :] + offsets, start=path[0], end=path[-1], mirror="around" if abs(across[0]) == 1 else "along")
+    return loft(
+        path[:, None, :] + offsets, start=path[0], end=path[-1], mirror="around" if abs(across[0]) == 1 else "along"
+    )
 
 
 def refined(rows: np.ndarray, step: float) -> np.ndarray:
@@ -148,7 +156,9 @@ def crossing(path: np.ndarray, solid: Solid) -> np.ndarray:
         slack = 1e-9  # a path may run exactly through an edge that two triangles share
         hit = (u >= -slack) & (v >= -slack) & (u + v <= 1 + slack) & (t >= 0) & (t <= 1)
     if not hit.any():
-        raise ValueError("crossing: expected a path that enters the solid, got one that stays on one side; change the proportions")
+        raise ValueError(
+            "crossing: expected a path that enters the solid, got one that stays on one side; change the proportions"
+        )
     along = np.where(hit, t + np.arange(len(path) - 1)[:, None], np.inf).min()
     segment = min(int(along), len(path) - 2)
     return path[segment] + (along - segment) * (path[segment + 1] - path[segment])

@@ -1,18 +1,18 @@
 """Tables: a top, what it stands on, and perhaps an apron or a shelf. Built in metres; x is the long side.
 
-Every table is its own image in z, too, so a half turn exchanges its keypoints; a quarter turn does where all of it is round
-or square.
+Every table is its own image in z, too, so a half turn exchanges its keypoints; a quarter turn does where all of it is
+round or square.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from stages.datasets.procedural.assembling import Assembly, Model
-from stages.datasets.procedural.bases import four_legs, pedestal
-from stages.datasets.procedural.drawing import Draw
-from stages.datasets.procedural.forms import at, box, plate, slab
-from stages.datasets.procedural.solids import Place, block, even
+from b23d.stages.datasets.procedural.assembling import Assembly, Model
+from b23d.stages.datasets.procedural.bases import four_legs, pedestal
+from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.forms import at, box, plate, slab
+from b23d.stages.datasets.procedural.solids import Place, block, even
 
 KEYPOINTS = (
     "left_front_corner", "right_front_corner", "left_back_corner", "right_back_corner",
@@ -54,7 +54,17 @@ def table(draw: Draw) -> Model:
     else:
         kind = draw.pick({"disc": 0.5, "four star": 0.5})
         shape.style["base"] = kind
-        pedestal(shape, draw, "leg", kind, half[1] * draw.between(0.6, 0.8), under, draw.between(0.06, 0.11), STEP, draw.chance(0.6))
+        pedestal(
+            shape,
+            draw,
+            "leg",
+            kind,
+            half[1] * draw.between(0.6, 0.8),
+            under,
+            draw.between(0.06, 0.11),
+            STEP,
+            draw.chance(0.6),
+        )
     quarter = top == "round" and shape.style.get("braces", "none") in ("none", "ring")
     return shape.finished(draw.between(0.9, 1.1), _turns(quarter))
 
@@ -66,7 +76,9 @@ def _half_sizes(draw: Draw, top: str, base: str, size: str) -> tuple[float, floa
     return (z if top == "round" else z * draw.between(1.15, longest)), z
 
 
-def _top(shape: Assembly, half: tuple[float, float], high: float, thick: float, roundness: float, corners: bool) -> Place:
+def _top(
+    shape: Assembly, half: tuple[float, float], high: float, thick: float, roundness: float, corners: bool
+) -> Place:
     level = plate((half[0], thick / 2, half[1]), roundness, roundness, edge=thick * 0.25)
 
     def place(lattice: np.ndarray) -> np.ndarray:
@@ -125,9 +137,13 @@ def _trestle(shape: Assembly, draw: Draw, half: tuple[float, float], under: floa
             return np.stack([x + u * thick / 2, tall * (v + 1) / 2, w * z], -1)
 
         shape.add_pair("leg", block((2, 2, even(2 * z, STEP)), runner))
-        shape.add_pair("leg", box((x - thick / 2, under - thick * 0.8, -z * 0.85), (x + thick / 2, under, z * 0.85), STEP))
+        shape.add_pair(
+            "leg", box((x - thick / 2, under - thick * 0.8, -z * 0.85), (x + thick / 2, under, z * 0.85), STEP)
+        )
         wide = draw.between(0.6, 2.0) * thick
-        shape.add_pair("leg", box((x - thick * 0.4, thick * 0.4, -wide), (x + thick * 0.4, under - thick * 0.4, wide), STEP))
+        shape.add_pair(
+            "leg", box((x - thick * 0.4, thick * 0.4, -wide), (x + thick * 0.4, under - thick * 0.4, wide), STEP)
+        )
     low = under * draw.between(0.2, 0.55)
     shape.add("leg", box((-x, low, -thick * 0.25), (x, low + thick, thick * 0.25), STEP))
     for name, end in (("front", -z), ("back", z)):
@@ -135,7 +151,8 @@ def _trestle(shape: Assembly, draw: Draw, half: tuple[float, float], under: floa
 
 
 def _turns(quarter: bool) -> tuple[tuple[str, ...], ...]:
-    """Keypoints in the order in which a turn about y takes each to the next, from the front to the right, the back and the left."""
+    """Keypoints in the order in which a turn about y takes each to the next, from the front to the right, the back and
+    the left."""
     corners = [("right_front", "right_back", "left_back", "left_front")]
     cycles = [tuple(f"{side}_{what}" for side in sides) for what in ("corner", "foot") for sides in corners]
     cycles.append(("front_edge", "right_edge", "back_edge", "left_edge"))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.datasets.procedural.solids import Solid, loft, refined
+from b23d.stages.datasets.procedural.solids import Solid, loft, refined
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ def span(sections: list[Section], step: float) -> Solid:
 
 
 def fin(sections: list[Section], step: float) -> Solid:
-    """An upright surface in the plane x = 0, from its lowest section to its highest. The last vertex is the top's middle."""
+    """An upright surface in the plane x = 0, from its lowest section to its highest. The last vertex is the top's
+    middle."""
     sideways = np.tile(np.array([1.0, 0.0, 0.0]), (len(sections), 1))
     return loft(refined(_rings(sections, sideways), step))
 
@@ -49,7 +50,8 @@ def edges(sections: list[Section]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rings(sections: list[Section], up: np.ndarray) -> np.ndarray:
-    """Sections as rings (m, 20, 3): vertex 0 the leading edge, then the upper side, the trailing edge, the lower side."""
+    """Sections as rings (m, 20, 3): vertex 0 the leading edge, then the upper side, the trailing edge, the lower
+    side."""
     share = (1 - np.cos(np.linspace(0.0, np.pi, 11))) / 2
     # half the thickness of a NACA four-digit section, closed at the trailing edge
     half = 5 * (0.2969 * np.sqrt(share) - 0.1260 * share - 0.3516 * share**2 + 0.2843 * share**3 - 0.1036 * share**4)

@@ -1,0 +1,40 @@
+"""What is predicted on one target with one draw of shots: keypoints, or part labels."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+
+from b23d.schemas.artifact import ArraySpec, Artifact
+
+
+class Prediction(Artifact):
+    """Keypoints found on one target; what `optimize` and `detect` give."""
+
+    ids: Annotated[np.ndarray, ArraySpec("k", "int32")]
+    """Semantic ids, from the shots; -1 for detectors that know no names."""
+    points: Annotated[np.ndarray, ArraySpec("k", "int32")]
+    """Index of the chosen candidate."""
+    positions: Annotated[np.ndarray, ArraySpec("k 3", "float32", unit="unit frame")]
+    present: Annotated[np.ndarray, ArraySpec("k", "bool")]
+    """False: the id occurs in the shots but is judged absent here; such rows are kept for inspection, never scored as
+    predictions."""
+    costs: Annotated[np.ndarray, ArraySpec("k", "float32", unit="objective; lower is better")]
+    """Each keypoint's share of the objective."""
+    objective: float
+    """Value reached of the method's objective L_feature + α L_distance, comparable between methods on equal inputs."""
+    method: str
+    shots: list[str] = []
+    """Names of the shots used (after retrieval, if any)."""
+
+
+class PartPrediction(Artifact):
+    """A part label for every candidate of one target; what `transfer` gives."""
+
+    labels: Annotated[np.ndarray, ArraySpec("n", "int32")]
+    """Index into `names`."""
+    confidence: Annotated[np.ndarray, ArraySpec("n", "float32", unit="share of the votes, 0 … 1")]
+    names: list[str]
+    """The parts of the category, whether or not they occur in the shots."""
+    method: str

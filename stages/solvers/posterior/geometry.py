@@ -1,0 +1,98 @@
+"""A shape in its own box, and what its points look like to their neighbourhood. All of it invariant to turns about the
+up axis, but for the mean-shift vectors and the places, which are what a common frame is for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+THINNEST = 0.05  # a side thinner than this share of the largest is not stretched to a box's full side
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """One shape, ready to learn from or to predict on. n candidates, r radii."""
+
+    position: np.ndarray
+    """(n, 3) float32, centred, largest box side 1."""
+    sides: np.ndarray
+    """(3,) of that box."""
+    box: np.ndarray
+    """(n, 3) position over sides, in [-.5, .5]."""
+    features: np.ndarray
+    """(n, channel) float32, centred, of unit length."""
+    geometry: np.ndarray
+    """(n, 6 r + 1) local geometry and eccentricity."""
+    shift: np.ndarray
+    """(n, 3 r) mean-shift vectors."""
+    distances: np.ndarray
+    """(n, n) float32 geodesic distances over the shape's largest."""
+    diameter: float
+    """That largest distance, in largest box sides."""
+    ids: np.ndarray
+    keypoints: np.ndarray
+    """(g,) candidates of the keypoints `ids`; empty on a target."""
+
+
+def prepare(
+    points: np.ndarray,
+    features: np.ndarray,
+    distances: np.ndarray,
+    radii: tuple[float, ...],
+    ids: np.ndarray | None = None,
+    keypoints: np.ndarray | None = None,
+) -> Prepared:
+    """points (n, 3), features (n, channel) centred and of unit length, distances (n, n) finite, in the points' unit."""
+    low, high = points.min(0), points.max(0)
+    scale = float((high - low).max()) or 1.0
+    position = ((points - (low + high) / 2) / scale).astype(np.float32)
+    sides = ((high - low) / scale).astype(np.float32)
+    largest = float(distances.max()) or 1.0
+    relative = (distances / largest).astype(np.float32)
+    shift, local = local_geometry(position, radii)
+    eccentricity = relative.mean(1)
+    geometry = np.concatenate([local, (eccentricity / max(float(eccentricity.mean()), 1e-12))[:, None]], 1).astype(
+        np.float32
+    )
+    none = np.zeros(0, int)
+    return Prepared(
+        position,
+        sides,
+        position / np.maximum(sides, THINNEST),
+        features,
+        geometry,
+        shift,
+        relative,
+        largest / scale,
+        none if ids is None else ids,
+        none if keypoints is None else keypoints,
+    )
+
+
+def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean-shift vectors (n, 3 r) and (n, 6 r) of: their length, their height, the neighbourhood's three standard
+    deviations, its log mass. Gaussian neighbourhoods of standard deviation radius / 1.5."""
+    square = squared(position, position)
+    products = np.stack([position[:, a] * position[:, b] for a, b in PAIRS], 1)
+    shifts, descriptors = [], []
+    for radius in radii:
+        weights = np.exp(square * np.float32(-1 / (2 * (radius / 1.5) ** 2)))
+        mass = weights.sum(1, keepdims=True)
+        weights /= mass
+        mean, second = weights @ position, weights @ products
+        covariance = np.empty((len(position), 3, 3), position.dtype)
+        for j, (a, b) in enumerate(PAIRS):
+            covariance[:, a, b] = covariance[:, b, a] = second[:, j] - mean[:, a] * mean[:, b]
+        shift = (mean - position) / radius
+        spread = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0)) / radius
+        crowd = np.log(mass)
+        shifts.append(shift)
+        descriptors += [np.linalg.norm(shift, axis=1, keepdims=True), shift[:, 1:2], spread, crowd - crowd.mean()]
+    return np.concatenate(shifts, 1), np.concatenate(descriptors, 1)
+
+
+def squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Squared distances (n, m) between rows of a (n, d) and b (m, d)."""
+    return np.asarray(np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T, 0))

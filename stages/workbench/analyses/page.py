@@ -1,0 +1,77 @@
+"""An analysis as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import time
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from b23d.stages.workbench.analyses.interface import Chart, Part, Pictures, Result
+from b23d.stages.workbench.pictures.coloring import PLASMA
+from b23d.stages.workbench.pictures.packing import data_uri
+from b23d.stages.workbench.pictures.painting import webp
+
+HERE = Path(__file__).parent
+STYLE = HERE.parent / "report" / "static" / "report.css"
+
+
+def render_page(name: str, source: str, parts: list[Part], result: Result, paper: str) -> str:
+    """The page. `source`: the run file's name with its overrides; `paper`: what is quoted, or ""."""
+    from jinja2 import Environment, FileSystemLoader
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+
+    run = parts[0].run
+    encoder = getattr(run.config.params.get("extract"), "encoder", None)
+    words = [
+        run.config.dataset.kind,
+        f"{len(run.shapes)} shapes",
+        encoder,
+        f"{len(parts)} runs" if len(parts) > 1 else None,
+    ]
+    charts = any(isinstance(block, Chart) for block in result.blocks)
+    environment = Environment(
+        loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template("analysis.html").render(
+        name=name, line=" · ".join(word for word in words if word), result=result, paper=paper, source=source,
+        columns=[{"name": column, "number": result.table[column].dtype.kind in "fiu"} for column in result.table.columns],
+        rows=cells(result.table),
+        blocks=[_block(block) for block in result.blocks], style=Markup(STYLE.read_text()), plotly=Markup(get_plotlyjs()) if charts else "",
+        plasma=", ".join(f"rgb({r}, {g}, {b})" for r, g, b in PLASMA), version=version("b23d"),
+        made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
+    )  # fmt: skip
+
+
+def cells(table: pd.DataFrame) -> list[list[str]]:
+    """A table's rows as people read them: columns of whole numbers as such, others with three decimals."""
+    return [list(row) for row in zip(*(_column(table[name]) for name in table.columns), strict=True)]
+
+
+def _column(values: pd.Series) -> list[str]:
+    if values.dtype.kind != "f":
+        return [str(value) for value in values]
+    there = values.dropna()
+    whole = bool((there == there.round()).all()) and bool((there.abs() > 1).any())  # a similarity of 1 keeps its digits
+    return ["–" if pd.isna(value) else f"{value:.0f}" if whole else f"{value:.3f}" for value in values]
+
+
+def _block(block: Chart | Pictures) -> dict[str, Any]:
+    from markupsafe import Markup
+
+    if isinstance(block, Chart):
+        drawn = block.figure.to_html(
+            full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True}
+        )
+        return {"chart": Markup(drawn), "caption": block.caption}
+    lines = [
+        {
+            "label": label,
+            "pictures": [{"label": under, "image": data_uri(webp(image), "image/webp")} for under, image in pictures],
+        }
+        for label, pictures in block.lines
+    ]
+    return {"title": block.title, "lines": lines, "caption": block.caption, "scale": block.scale}

@@ -1,0 +1,126 @@
+"""The page's server: this machine only, a secret in the address, nothing from the network."""
+
+from __future__ import annotations
+
+import hmac
+import json
+import secrets
+from functools import cached_property
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from b23d.stages.workbench.annotate.entries import ConflictError
+from b23d.stages.workbench.annotate.session import Session
+
+HERE = Path(__file__).parent
+REPORT = HERE.parent / "report" / "static"
+FILES = {
+    "": (HERE / "templates" / "annotate.html", "text/html"),
+    "annotate.css": (HERE / "static" / "annotate.css", "text/css"),
+    **{f"{name}.js": (HERE / "static" / f"{name}.js", "text/javascript") for name in ("view", "annotate")},
+    **{f"{name}.js": (REPORT / f"{name}.js", "text/javascript") for name in ("theme", "balls")},
+}
+"""What is served as it is: address below the secret → file, type. Light and dark, and keypoints as spheres, are the
+report's."""
+POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; worker-src blob:"
+LARGEST = 10_000_000  # bytes of a request
+
+
+class AnnotationServer(ThreadingHTTPServer):
+    """Serves one session at `url` until `shutdown`."""
+
+    daemon_threads = True
+
+    def __init__(self, session: Session, port: int = 0) -> None:
+        """`port` 0: the system chooses. Raises OSError where the port is taken."""
+        self.session, self.token = session, secrets.token_urlsafe(16)
+        super().__init__(("127.0.0.1", port), Handler)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_address[1]}/{self.token}/"
+
+    @cached_property
+    def plotly(self) -> bytes:
+        from plotly.offline import get_plotlyjs
+
+        return str(get_plotlyjs()).encode()
+
+
+class Handler(BaseHTTPRequestHandler):
+    """GET: the page, its files, `state`, `reference/<name>`. POST (JSON): `hit`, `save`."""
+
+    server: AnnotationServer
+
+    def do_GET(self) -> None:
+        path = self._path()
+        if path is None:
+            return
+        if path in FILES:
+            file, kind = FILES[path]
+            self._send(200, file.read_bytes(), kind)
+        elif path == "plotly.js":
+            self._send(200, self.server.plotly, "text/javascript")
+        elif path == "state":
+            self._answer(self.server.session.page)
+        elif path.startswith("reference/"):
+            self._answer(lambda: self.server.session.reference(unquote(path.removeprefix("reference/"))))
+        else:
+            self._send(404, b"no such page", "text/plain")
+
+    def do_POST(self) -> None:
+        path, session = self._path(), self.server.session
+        if path is None:
+            return
+        length = int(self.headers.get("Content-Length") or 0)
+        if self.headers.get_content_type() != "application/json" or not 0 < length <= LARGEST:
+            return self._send(400, b"expected JSON", "text/plain")
+        body = json.loads(self.rfile.read(length))
+        if path == "hit":
+            self._answer(lambda: session.hit(body["origin"], body["direction"]))
+        elif path == "save":
+            self._answer(lambda: session.save(body["keypoints"], bool(body.get("force"))))
+        else:
+            self._send(404, b"no such page", "text/plain")
+
+    def _path(self) -> str | None:
+        """The path below the secret; None, answered, for a stranger or a page of another name that was pointed here."""
+        token, _, path = self.path.partition("?")[0].removeprefix("/").partition("/")
+        host = (self.headers.get("Host") or "").rpartition(":")[0]
+        if not hmac.compare_digest(token.encode(), self.server.token.encode()) or host not in (
+            "127.0.0.1",
+            "localhost",
+        ):
+            self._send(403, b"use the whole address that b23d annotate printed", "text/plain")
+            return None
+        return path
+
+    def _answer(self, work: Any) -> None:
+        """What `work` gives as JSON; what it raises as a message for the page to show."""
+        try:
+            status, value = 200, work()
+        except ConflictError as error:
+            status, value = 409, {"error": str(error)}
+        except (ValueError, KeyError, TypeError, IndexError, OSError) as error:
+            status, value = 400, {"error": str(error.args[0] if isinstance(error, KeyError) and error.args else error)}
+        self._send(status, json.dumps(value).encode(), "application/json")
+
+    def _send(self, status: int, data: bytes, kind: str) -> None:
+        self.send_response(status)
+        headers = {
+            "Content-Type": f"{kind}; charset=utf-8",
+            "Content-Length": str(len(data)),
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": POLICY,
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(data)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Requests are not news."""

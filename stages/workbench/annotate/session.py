@@ -1,0 +1,217 @@
+"""One shape being annotated: what the page is told, where clicks land, what is saved."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from b23d.pipeline.dataset import Dataset, Leaf, Shape
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import Source
+from b23d.stages.workbench.annotate.entries import (
+    ConflictError,
+    Edited,
+    Entry,
+    edited_entry,
+    find,
+    read_entries,
+    save_entry,
+)
+from b23d.stages.workbench.annotate.geometry import Pickable
+from b23d.stages.workbench.pictures.palette import IDS, id_color
+
+REFERENCES = 200
+"""Annotated shapes of the class that the page offers beside, at most."""
+REASONS = {
+    "keypointnet": "its annotations are a published benchmark, and figures on changed ones cannot be compared",
+    "procedural": "its keypoints are exact by construction and have no file",
+}
+
+
+class Session:
+    """The state behind one page. Safe to call from several threads."""
+
+    def __init__(self, dataset: Dataset, shapes: list[Shape], name: str, keypoints: Path | None = None) -> None:
+        """`keypoints`: the file to write to; None: the data set's own. Raises KeyError (no such shape), ValueError (the
+        data set's annotations must not be written, or the shape or its annotation is broken), FileNotFoundError."""
+        self.shape = find_shape(shapes, name)
+        self.path = keypoints if keypoints is not None else own_file(dataset)
+        if self.shape.error is not None:
+            raise ValueError(self.shape.error)
+        self.own = keypoints is None or (
+            dataset.kind == "folder" and self.path.resolve() == own_file(dataset).resolve()
+        )
+        others = (s for s in shapes if s.category == self.shape.category and s.name != name and s.error is None)
+        self.peers = [s for s in others if "keypoints" in s.leaves]
+        self.class_ids = {self.shape.category, *_class_ids(dataset, self.shape.category)}
+        self.alone = dataset.kind == "folder" and sum(s.id == self.shape.id for s in shapes) == 1
+        self.loaded = read_entries(self.path)
+        self.entry = find(self.loaded, self._owns) or self._first_entry(dataset)
+        self.pickable = Pickable.load(_read(self.shape.leaves["source"]))
+        self.lock = Lock()
+
+    def page(self) -> dict[str, Any]:
+        """All the page needs: the shape, its keypoints, the class's ids, which shapes may stand beside."""
+        counts: Counter[int] = Counter()
+        names = []
+        for peer, keypoints in self._annotated():
+            counts.update(keypoints.ids.tolist())
+            names.append((len(keypoints.ids), peer.name))
+        best = max(names, key=lambda pair: pair[0])[1] if names else None  # the fullest annotation shows most ids
+        return {
+            "name": self.shape.name,
+            "file": str(self.path),
+            "shape": self._drawing(self.pickable),
+            "keypoints": self._keypoints(),
+            "ids": [{"id": i, "count": n} for i, n in sorted(counts.items())],
+            "peers": len(names),
+            "references": sorted(name for _, name in names)[:REFERENCES],
+            "reference": best,
+            "colors": [id_color(i) for i in range(IDS)],
+        }
+
+    def reference(self, name: str) -> dict[str, Any]:
+        """A shape of the class with its keypoints. Raises KeyError where it is none of them, ValueError where it is
+        broken."""
+        peer = find_shape(self.peers, name)
+        pickable = Pickable.load(_read(peer.leaves["source"]))
+        keypoints = _read(peer.leaves["keypoints"])
+        unit = pickable.unit(keypoints.positions)
+        listed = [{"id": int(i), "unit": at.tolist()} for i, at in zip(keypoints.ids, unit, strict=True)]
+        return {"name": name, "shape": self._drawing(pickable), "keypoints": listed}
+
+    def hit(self, origin: list[float], direction: list[float]) -> dict[str, Any] | None:
+        """Where a ray from the viewer (unit frame) lands."""
+        found = self.pickable.hit(origin, direction)
+        return None if found is None else asdict(found)
+
+    def save(self, keypoints: list[dict[str, Any]], force: bool) -> dict[str, Any]:
+        """Write the shape's entry. Raises ConflictError where the user must decide first, ValueError where it is not
+        valid."""
+        with self.lock:
+            edited = [Edited(int(k["id"]), k["place"], k["hit"]) for k in keypoints]
+            entry = edited_entry(self.entry, edited)
+            self.loaded, merged = save_entry(self.path, self._owns, self.loaded, entry, force)
+            self.entry = find(self.loaded, self._owns) or entry
+            many = "1 keypoint" if len(keypoints) == 1 else f"{len(keypoints)} keypoints"
+            message = f"saved {many} to {self.path}" + (f"; {merged}" if merged else "")
+            return {"message": message}
+
+    def _owns(self, entry: Entry) -> bool:
+        """As the folder data set reads it: the class id decides where shapes of several classes share an id."""
+        return entry.get("model_id") == self.shape.id and (self.alone or entry.get("class_id") in self.class_ids)
+
+    def _first_entry(self, dataset: Dataset) -> Entry:
+        """What the data set knows of a shape that the file to write to does not have yet."""
+        known = find(_entries(dataset, self.shape.category), self._owns)
+        if known is not None:
+            return known
+        entry: Entry = {"class_id": self.shape.category, "model_id": self.shape.id, "keypoints": []}
+        if "keypoints" in self.shape.leaves:
+            keypoints = _read(self.shape.leaves["keypoints"])
+            ids = keypoints.ids.tolist()
+            entry["keypoints"] = [
+                {"xyz": at, "semantic_id": i} for i, at in zip(ids, keypoints.positions.tolist(), strict=True)
+            ]
+            groups = {"reflection": keypoints.reflections, "rotation": keypoints.rotations}
+            entry["symmetries"] = {
+                kind: [{"kp_indexes": [ids.index(i) for i in group]} for group in found]
+                for kind, found in groups.items()
+            }
+        return entry
+
+    def _keypoints(self) -> list[dict[str, Any]]:
+        keypoints = self.entry.get("keypoints") or []
+        unit = self.pickable.unit(np.array([k["xyz"] for k in keypoints], np.float64).reshape(-1, 3)).tolist()
+        fields = ("xyz", "mesh_info", "pcd_info")
+        return [
+            {"id": k["semantic_id"], "unit": unit[i], "at": {f: k.get(f) for f in fields}}
+            for i, k in enumerate(keypoints)
+        ]
+
+    def _annotated(self) -> Iterator[tuple[Shape, Keypoints]]:
+        for peer in self.peers:
+            try:
+                yield peer, _read(peer.leaves["keypoints"])
+            except (ValueError, OSError):
+                continue  # another shape's broken annotation is told by `b23d run`
+
+    def _drawing(self, pickable: Pickable) -> dict[str, Any]:
+        vertices, faces, colors = pickable.drawing()
+        return {
+            "kind": pickable.drawn.kind,
+            "vertices": _pack(vertices.astype("<f4")),
+            "faces": _pack(faces.astype("<i4")),
+            "colors": None if colors is None else _pack(colors.astype(np.uint8)),
+        }
+
+
+def find_shape(shapes: list[Shape], name: str) -> Shape:
+    """Raises KeyError where none is called so."""
+    found = next((shape for shape in shapes if shape.name == name), None)
+    if found is not None:
+        return found
+    near = [shape.name for shape in shapes if name in shape.name]
+    hint = (
+        f"did you mean {near[0]!r}?"
+        if near
+        else f"for example {shapes[0].name!r}"
+        if shapes
+        else "the data set has none"
+    )
+    raise KeyError(f"shape: expected one of the data set's, got {name!r}; {hint}")
+
+
+def own_file(dataset: Dataset) -> Path:
+    """The annotation file of a folder data set. Raises ValueError for other kinds: theirs are not ours to change."""
+    if dataset.kind != "folder":
+        why = REASONS.get(dataset.kind, "its annotations are not a file of ours")
+        raise ValueError(
+            f"annotate: expected a data set of kind folder to write to, got {dataset.kind}: {why}; give another file with --keypoints FILE"
+        )
+    path: Path | None = dataset.keypoints  # type: ignore[attr-defined]
+    root: Path = dataset.root  # type: ignore[attr-defined]
+    return path if path is not None else root / "keypoints.json"
+
+
+@cache
+def _published(path: Path) -> list[Entry]:
+    return read_entries(path)
+
+
+def _entries(dataset: Dataset, category: str) -> list[Entry]:
+    """Entries of the data set's own annotation file, whole."""
+    if dataset.kind == "folder":
+        return read_entries(own_file(dataset))
+    if dataset.kind == "keypointnet":
+        root: Path = dataset.root  # type: ignore[attr-defined]
+        return _published(root / "annotations" / f"{category}.json")
+    return []
+
+
+def _class_ids(dataset: Dataset, category: str) -> set[str]:
+    """KeypointNet's entries name their class by a synset id."""
+    return {entry["class_id"] for entry in _entries(dataset, category)} if dataset.kind == "keypointnet" else set()
+
+
+def _read(leaf: Leaf) -> Any:
+    artifact = leaf.load(
+        {name: path.read_bytes() for name, path in leaf.files.items()}, {**leaf.values, **leaf.context}
+    )
+    assert isinstance(artifact, Source | Keypoints)
+    return artifact
+
+
+def _pack(values: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
+
+
+__all__ = ["ConflictError", "Session", "find_shape", "own_file"]

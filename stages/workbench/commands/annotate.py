@@ -1,0 +1,58 @@
+"""`b23d annotate`: click keypoints on a shape in a local page. The procedure is told in
+`b23d.stages.workbench.annotate`."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from b23d.pipeline.run import Run
+
+
+def annotate(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
+    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="<class>/<id>; annotated already or not.")],
+    set: Annotated[
+        list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
+    ] = [],
+    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0: the system chooses.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+    keypoints: Annotated[
+        Path | None,
+        typer.Option(
+            "--keypoints", metavar="FILE", help="Annotation file to write to. Default: the folder data set's own."
+        ),
+    ] = None,
+) -> None:
+    """Click keypoints on a shape, another annotated shape of its class beside it; saved in KeypointNet's JSON form."""
+    from b23d.stages.workbench.annotate.server import AnnotationServer
+    from b23d.stages.workbench.annotate.session import Session
+
+    console = Console()
+    loaded = Run.load(run, set, store)
+    session = Session(loaded.config.dataset, loaded.shapes, shape, keypoints)
+    with AnnotationServer(session, port) as server:
+        console.print(f"annotate {session.shape.name} at {server.url}", highlight=False, soft_wrap=True)
+        console.print(f"saves to {session.path}; Ctrl+C here when done", highlight=False, soft_wrap=True)
+        if not session.own:
+            hint = (
+                f"--set 'dataset.keypoints={session.path}'"
+                if loaded.config.dataset.kind == "folder"
+                else "a data set made of that file"
+            )
+            console.print(f"this run does not read that file: use {hint}", highlight=False, soft_wrap=True)
+        if browser:
+            webbrowser.open(server.url)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            console.print(
+                f"closed; b23d run {run} uses what was saved" if session.own else "closed",
+                highlight=False,
+                soft_wrap=True,
+            )

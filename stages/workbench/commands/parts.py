@@ -1,0 +1,43 @@
+"""`b23d parts`: the table of transferred part labels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from b23d.pipeline.run import Report, Run
+from b23d.stages.workbench.results.scores import run_parts
+
+
+def parts(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
+    set: Annotated[list[str], typer.Option("--set", metavar="a.b=value")] = [],
+    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """IoU of transferred parts per class (ShapeNetPart's protocol), their average; mean ± sd over draws of shots."""
+    from b23d.stages.scoring.parts import render
+
+    table = run_parts(Run.load(run, set, store))
+    if as_json:
+        print(table.model_dump_json(indent=1))
+    else:
+        console = Console()
+        (console if console.is_terminal else Console(width=140)).print(render(table))
+
+
+def after_run(run: Run, report: Report, console: Console) -> None:
+    """Print the part table after a run that scores parts, and keep it as JSON beside the run's manifest."""
+    from b23d.stages.scoring.parts import render
+
+    if "score_parts" not in run.config.stages:
+        return
+    try:
+        table = run_parts(run)
+    except ValueError:
+        return
+    (run.folder / "parts.json").write_text(table.model_dump_json(indent=1))
+    console.print(render(table))

@@ -1,0 +1,46 @@
+"""`b23d scores`: the score table of a run; the same table ends `b23d run` and is kept as `runs/<name>/scores.json`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from b23d.pipeline.run import Report, Run
+from b23d.stages.workbench.results.scores import run_scores
+
+if TYPE_CHECKING:
+    pass
+
+
+def scores(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
+    set: Annotated[list[str], typer.Option("--set", metavar="a.b=value")] = [],
+    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+) -> None:
+    """IoU per threshold and class with AUC, labelled PCK and the ceiling; mean ± sd over draws of shots."""
+    from b23d.stages.scoring.table import render
+
+    table = run_scores(Run.load(run, set, store))
+    if as_json:
+        print(table.model_dump_json(indent=1))
+    else:
+        console = Console()
+        (console if console.is_terminal else Console(width=120)).print(render(table))
+
+
+def after_run(run: Run, report: Report, console: Console) -> None:
+    """Print the score table after a run, and keep it as JSON beside the run's manifest."""
+    from b23d.stages.scoring.table import render
+
+    if "score" not in run.config.stages:
+        return
+    try:
+        table = run_scores(run)
+    except ValueError:
+        return
+    (run.folder / "scores.json").write_text(table.model_dump_json(indent=1))
+    console.print(render(table))

@@ -1,0 +1,1 @@
+"""What a run made, as pictures: colours, painted shapes, figures, solids."""

@@ -1,0 +1,124 @@
+"""A shape's surface as a page can carry it: few enough faces, 16-bit vertices, normals for shading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.workbench.pictures.packing import pack
+
+FACES = 20_000  # a page draws this many without delay; they take some 200 kB
+EDGE = (
+    0.03  # unit frame; longer edges are divided, so that colours at vertices follow candidates, which lie 0.015 apart
+)
+NEIGHBORS = 12
+
+
+@dataclass(frozen=True)
+class Surface:
+    vertices: np.ndarray
+    """(v, 3) float32, unit frame."""
+    faces: np.ndarray
+    """(f, 3) int32."""
+    coarse: bool
+    """Vertices of one grid cell were merged: the mesh has more faces than this."""
+
+
+def surface_of(shape: NormalizedShape, limit: int = FACES) -> Surface | None:
+    """The shape's mesh with about `limit` faces at most and no unused vertex; None for a cloud.
+
+    Too many faces: vertices are merged cell by cell of a grid (Rossignac and Borrel 1993), coarser until they are few
+    enough. Large faces: divided, while there is room.
+    """
+    if shape.kind == "cloud":
+        return None
+    vertices, faces = _used(shape.vertices, shape.faces)
+    cells = 256
+    coarse = len(faces) > limit
+    found = (vertices, faces)
+    while len(found[1]) > limit and cells > 8:
+        found = _clustered(vertices, faces, cells)
+        cells = int(cells / 1.3)
+    if not coarse:
+        found = _divided(*found, limit)
+    return Surface(found[0].astype(np.float32), found[1].astype(np.int32), coarse)
+
+
+def pack_surface(surface: Surface, points: np.ndarray) -> dict[str, Any]:
+    """The surface as packed arrays: vertices as 16-bit steps from `low`, `nearest`: each vertex's nearest point of (n,
+    3)."""
+    from scipy.spatial import cKDTree
+
+    low, side = surface.vertices.min(axis=0), float(np.ptp(surface.vertices, axis=0).max()) or 1.0
+    steps = np.round((surface.vertices - low) / side * 65535).astype(np.uint16)
+    index = np.uint16 if len(steps) <= 65535 else np.int32
+    _, nearest = cKDTree(points).query(surface.vertices)
+    return {
+        "low": [float(x) for x in low],
+        "side": side,
+        "vertices": pack(steps),
+        "faces": pack(surface.faces.astype(index)),
+        "nearest": pack(nearest.astype(np.uint16)),
+        "coarse": surface.coarse,
+    }
+
+
+def point_normals(shape: NormalizedShape) -> np.ndarray:
+    """(n, 3) float32 unit normals of the candidates, of either sign: their face's, or that of the plane through near
+    points."""
+    if shape.kind == "mesh" and (shape.point_faces >= 0).all():
+        corners = shape.vertices[shape.faces[shape.point_faces]].astype(np.float64)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    else:
+        from scipy.spatial import cKDTree
+
+        points = shape.points.astype(np.float64)
+        _, near = cKDTree(points).query(points, k=min(NEIGHBORS, len(points)))
+        around = points[near.reshape(len(points), -1)]
+        around = around - around.mean(axis=1, keepdims=True)
+        _, vectors = np.linalg.eigh(np.einsum("nkx,nky->nxy", around, around))
+        normals = vectors[:, :, 0]
+    return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)).astype(np.float32)
+
+
+def _divided(vertices: np.ndarray, faces: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces with an edge longer than `EDGE` cut in two there, again and again, those with the longest first, up to
+    `limit` faces."""
+    while True:
+        corners = vertices[faces]
+        lengths = np.linalg.norm(
+            np.roll(corners, -1, axis=1) - corners, axis=2
+        )  # of the edge from each corner to the next
+        longest = lengths.max(axis=1)
+        order = np.argsort(-longest, kind="stable")
+        cut = order[: min(int((longest > EDGE).sum()), limit - len(faces))]
+        if not len(cut):
+            places, merged = np.unique(vertices, axis=0, return_inverse=True)  # each cut made its own middle
+            return _used(places, merged.reshape(-1)[faces])
+        start = lengths[cut].argmax(axis=1)
+        a, b, c = (faces[cut, (start + i) % 3] for i in range(3))
+        middle = np.arange(len(cut)) + len(vertices)
+        vertices = np.concatenate([vertices, (vertices[a] + vertices[b]) / 2])
+        whole = np.delete(faces, cut, axis=0)
+        faces = np.concatenate([whole, np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+
+
+def _used(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    kept, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[kept], renumbered.reshape(faces.shape)
+
+
+def _clustered(vertices: np.ndarray, faces: np.ndarray, cells: int) -> tuple[np.ndarray, np.ndarray]:
+    low, side = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max()) or 1.0
+    cell = ((vertices - low) / side * cells).astype(np.int64)
+    key = (cell[:, 0] * (cells + 1) + cell[:, 1]) * (cells + 1) + cell[:, 2]
+    _, cluster, counts = np.unique(key, return_inverse=True, return_counts=True)
+    cluster = cluster.reshape(-1)
+    merged = np.stack([np.bincount(cluster, vertices[:, axis]) for axis in range(3)], axis=1) / counts[:, None]
+    corners = cluster[faces]
+    whole = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 2] != corners[:, 0])
+    _, first = np.unique(np.sort(corners[whole], axis=1), axis=0, return_index=True)
+    return _used(merged, corners[whole][np.sort(first)])

@@ -1,0 +1,250 @@
+"""The page itself: templates filled with what was gathered, styles, scripts and libraries put inside."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from b23d.pipeline.plan import Plan
+from b23d.pipeline.run import Run
+from b23d.schemas.runfile import Shots
+from b23d.schemas.scores import ClassScores, ScoreTable
+from b23d.stages.scoring.quoted import B2_3D, CURVES
+from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
+from b23d.stages.workbench.results.gathering import Quarantined
+from b23d.stages.workbench.results.summary import costs, dataset_fields, origins, settings
+
+HERE = Path(__file__).parent
+SCRIPTS = ("details", "fields", "scene", "balls", "panel", "viewer", "curves", "table", "main")  # in this order
+AT = (2, 5, 10)  # places of thresholds .02, .05, .10
+COLUMNS = (
+    ("name", "shape", "class and id"),
+    ("auc", "AUC", "mean of the shape's own IoU over thresholds 0 … .10, and over draws"),
+    ("iou02", "IoU .02", "the shape's own, mean over draws"),
+    ("iou05", "IoU .05", "the shape's own, mean over draws"),
+    ("iou10", "IoU .10", "the shape's own, mean over draws"),
+    ("pck", "PCK .10", "annotated keypoints whose own id is predicted within .10"),
+    (
+        "error",
+        "error",
+        "mean geodesic distance between predicted and annotated keypoints of one id, in the score's units",
+    ),
+    ("annotated", "annotated", "annotated keypoints"),
+    ("predicted", "predicted", "keypoints judged present, mean over draws"),
+    ("unseen", "unseen", "candidates that no view sees"),
+    ("draws", "draws", "draws of shots in which this shape is a target"),
+)
+
+
+def render_page(
+    run: Run,
+    plan: Plan,
+    rows: list[dict[str, Any]],
+    table: ScoreTable | None,
+    examples: list[dict[str, Any]],
+    failures: list[Quarantined],
+    folder: str,
+    inline: dict[str, str],
+    draw: int | None,
+    analysis: str | None = None,
+) -> str:
+    """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to
+    stand inside; `analysis`: the page of `b23d analyse`, relative to this one."""
+    from jinja2 import Environment, FileSystemLoader
+    from plotly.offline import get_plotlyjs
+
+    stage_costs = costs(run, plan)
+    fields = settings(run)
+    data = {
+        "rows": rows,
+        "folder": folder,
+        "draw": draw,
+        "idColors": [id_color(i) for i in range(IDS)],
+        "curves": json.loads(_curves(table)) if table is not None else None,
+    }
+    environment = Environment(
+        loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    safe = _markup()
+    return environment.get_template("report.html").render(
+        run=_run(run, rows),
+        analysis=analysis,
+        cards=cards(rows, table, stage_costs),
+        table=score_lines(table) if table else None,
+        paper_source=B2_3D.source,
+        examples=examples,
+        classes=sorted({row["category"] for row in rows}),
+        failures=failures,
+        columns=[{"key": key, "label": label, "means": means} for key, label, means in COLUMNS],
+        costs=cost_lines(stage_costs),
+        settings=fields,
+        changed=[line for line in fields if line["differs"]],
+        dataset=dataset_fields(run),
+        origins=origins(run, plan),
+        draws=_draws(plan),
+        style=safe(_static("report.css")),
+        theme_script=safe(_static("theme.js")),
+        scripts=[safe(_static(f"{name}.js")) for name in SCRIPTS],
+        plotly=safe(get_plotlyjs()),
+        data=safe(as_json(data)),
+        inline_details=[(key, safe(text)) for key, text in inline.items()],
+    )
+
+
+def as_json(value: Any) -> str:
+    """JSON that may stand inside a script element: no `<` survives as such. NaN and infinities are errors."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def cards(
+    rows: list[dict[str, Any]], table: ScoreTable | None, stage_costs: list[dict[str, Any]]
+) -> list[dict[str, str]]:
+    """The figures at the top of the page."""
+    found = []
+    if table is not None:
+        mean = table.mean
+        note = "mean over classes" if len(table.classes) > 1 else next(iter(table.classes))
+        found.append({"label": "AUC 0 … .10", "value": _figure(mean.auc.mean), "note": _spread(mean)})
+        for place in AT[1:]:
+            if place < len(mean.iou.mean):
+                found.append(
+                    {"label": f"IoU {_threshold(mean, place)}", "value": _figure(mean.iou.mean[place], 2), "note": note}
+                )
+        found.append(
+            {"label": f"labelled PCK {_threshold(mean, -1)}", "value": _figure(mean.pck.mean[-1], 2), "note": note}
+        )
+        found.append(
+            {
+                "label": "ceiling of IoU",
+                "value": _figure(mean.ceiling, 2),
+                "note": "perfect, labelled, from these shots",
+            }
+        )
+    states = Counter(row["state"] for row in rows)
+    note = ", ".join(f"{states[state]} {state}" for state in ("failed", "waiting") if states[state]) or "all done"
+    found.append({"label": "shapes", "value": f"{len(rows):,}", "note": note})
+    seconds, stored = sum(cost["seconds"] for cost in stage_costs), sum(cost["bytes"] for cost in stage_costs)
+    found.append({"label": "computed in", "value": duration(seconds), "note": "all workers together"})
+    size = f"{stored / 1e6:,.0f} MB" if stored < 1e10 else f"{stored / 1e9:,.1f} GB"
+    found.append({"label": "stored", "value": size, "note": f"{sum(cost['made'] for cost in stage_costs):,} artifacts"})
+    return found
+
+
+def score_lines(table: ScoreTable) -> dict[str, Any]:
+    """The class table: a line a class, their mean, the paper's."""
+    places = [place for place in AT if place < len(table.mean.thresholds)] or [len(table.mean.thresholds) - 1]
+    lines = [
+        _score_line(name, scores, places, class_color(i)) for i, (name, scores) in enumerate(table.classes.items())
+    ]
+    if len(lines) > 1:
+        lines.append({**_score_line("mean of classes", table.mean, places, ""), "mean": True})
+    for curve in CURVES:
+        iou = [_figure(curve.iou[place], 2) for place in places]
+        lines.append({"name": f"{curve.system}, paper", "auc": _figure(curve.auc), "iou": iou, "quoted": True})
+    at = [_threshold(table.mean, place) for place in places]
+    return {"lines": lines, "draws": counted(table.mean.draws, "draw"), "at": at, "protocol": table.protocol}
+
+
+def cost_lines(stage_costs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Costs as texts, with the share of the largest for the bars."""
+    slowest = max((cost["seconds"] for cost in stage_costs), default=0) or 1
+    largest = max((cost["bytes"] for cost in stage_costs), default=0) or 1
+    return [
+        {
+            **cost,
+            "share": round(100 * cost["seconds"] / slowest, 1),
+            "stored_share": round(100 * cost["bytes"] / largest, 1),
+            "total": f"{cost['seconds']:,.1f}",
+            **{key: f"{cost[key]:.3f}" for key in ("median", "p95", "slowest")},
+            "peak": f"{cost['peak_mb']:,.0f}",
+            "stored": f"{cost['bytes'] / 1e6:,.1f}",
+            "each": f"{cost['bytes_each'] / 1e6:.2f}",
+        }
+        for cost in stage_costs
+    ]
+
+
+def counted(number: int, thing: str) -> str:
+    """1 draw, 5 draws, 2 classes."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}{'es' if thing.endswith('s') else 's'}"
+
+
+def few(shots: Shots) -> str:
+    """3 shots, 5 draws."""
+    return f"{counted(shots.count, 'shot')}, {counted(len(shots.draws), 'draw')}"
+
+
+def duration(seconds: float) -> str:
+    """12 s, 3 min 20 s, 4 h 5 min."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -> dict[str, Any]:
+    return {
+        "name": name,
+        "color": color,
+        "targets": scores.targets,
+        "auc": _figure(scores.auc.mean) + (f" ± {_figure(scores.auc.sd)}" if scores.draws > 1 else ""),
+        "iou": [_figure(scores.iou.mean[place], 2) for place in places],
+        "pck": _figure(scores.pck.mean[places[-1]], 2),
+        "ceiling": _figure(scores.ceiling, 2),
+    }
+
+
+def _spread(scores: ClassScores) -> str:
+    return f"± {scores.auc.sd:.3f} over {scores.draws} draws" if scores.draws > 1 else "1 draw of shots"
+
+
+def _figure(value: float, digits: int = 3) -> str:
+    text = f"{value:.{digits}f}"
+    return text[1:] if text.startswith("0.") else text
+
+
+def _threshold(scores: ClassScores, place: int) -> str:
+    return _figure(scores.thresholds[place], 2)
+
+
+def _run(run: Run, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    shots = run.config.file.shots
+    classes = len({row["category"] for row in rows})
+    line = f"{run.config.dataset.kind} · {counted(len(rows), 'shape')} of {counted(classes, 'class')} · {few(shots)}"
+    encoder = getattr(run.config.params.get("extract"), "encoder", None)
+    made = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
+    return {
+        "name": run.name,
+        "shots": counted(shots.count, "shot"),
+        "line": f"{line} · {encoder}" if encoder else line,
+        "made": made,
+        "version": version("b23d"),
+        "location": f"run file {run.config.path.name}" + "".join(f", --set {text}" for text in run.config.overrides),
+    }
+
+
+def _draws(plan: Plan) -> list[dict[str, Any]]:
+    return [
+        {"category": d.category, "seed": d.seed, "error": d.error, "shots": [shot.id for shot in d.shots]}
+        for d in plan.draws
+    ]
+
+
+def _curves(table: ScoreTable) -> str:
+    from b23d.stages.workbench.pictures.figures import score_curves
+
+    return str(score_curves(table).to_json())
+
+
+def _static(name: str) -> str:
+    return (HERE / "static" / name).read_text()
+
+
+def _markup() -> Any:
+    from markupsafe import Markup
+
+    return Markup

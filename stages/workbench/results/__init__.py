@@ -1,0 +1,1 @@
+"""What a run made, as tables: gathering, rows, summaries, scores."""

@@ -1,0 +1,54 @@
+"""The score tables of a run, made of what it has stored."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from b23d.pipeline.run import Run
+from b23d.schemas.scores import PartScore, PartTable, ScoreTable, ShapeScore
+
+if TYPE_CHECKING:
+    from b23d.stages.scoring.summary import Row
+
+
+def run_scores(run: Run) -> ScoreTable:
+    """The score table of what a run has scored so far. Raises ValueError where nothing is scored yet."""
+    from b23d.stages.scoring.summary import score_table
+
+    rows = score_rows(run)
+    return score_table(run.name, rows[0][3].protocol, rows)
+
+
+def score_rows(run: Run, limit: int | None = None) -> list[Row]:
+    """Class, draw, shape and score of what a run has scored so far; `limit`: as `Run.plan`'s. Raises ValueError where
+    that is nothing."""
+    wanted = (
+        None if limit is None else {(node, draw) for stage, node, draw in run.plan(limit).by_shape if stage == "score"}
+    )
+    rows: list[Row] = [
+        (shape.category, draw, shape.id, found)
+        for shape, draw, found in run.collect("score")
+        if isinstance(found, ShapeScore) and draw is not None and (wanted is None or (shape.name, draw) in wanted)
+    ]
+    if not rows:
+        raise ValueError(
+            f"run {run.name}: expected scored shapes, got none; run it first, or annotate shapes that are not shots"
+        )
+    return rows
+
+
+def run_parts(run: Run) -> PartTable:
+    """The part table of what a run has scored so far. Raises ValueError where the run scores no parts, or none is
+    scored yet."""
+    from b23d.stages.scoring.parts import part_table
+
+    if "score_parts" not in run.config.stages:
+        raise ValueError(
+            f'run {run.name}: expected score_parts among its stages, got none; set outputs = ["score_parts"]'
+        )
+    found = (
+        (s.category, draw, s.id, a)
+        for s, draw, a in run.collect("score_parts")
+        if isinstance(a, PartScore) and draw is not None
+    )
+    return part_table(run.name, found)
