@@ -43,7 +43,8 @@ class StageAddress:
     100,000s)."""
 
     def __init__(self, stage: str, version: int, params: Mapping[str, Any]) -> None:
-        self._tail = f',"params":{canonical_json(params)},"recipe":{RECIPE},"stage":{canonical_json(stage)},"version":{version}}}'
+        head = f',"params":{canonical_json(params)},"recipe":{RECIPE}'
+        self._tail = f'{head},"stage":{canonical_json(stage)},"version":{version}}}'
 
     def __call__(self, inputs: Inputs) -> str:
         """Address of what the stage makes of `inputs` (argument → address, or addresses of shots in order).

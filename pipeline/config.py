@@ -148,7 +148,8 @@ def _dataset(file: RunFile, path: Path) -> Dataset:
     if kind not in DATASETS:
         known = ", ".join(sorted(DATASETS))
         raise RunFileError(
-            f"run file {path}: expected dataset.kind to be one of {known}, got {kind!r}; {_suggest(str(kind), DATASETS)}"
+            f"run file {path}: expected dataset.kind to be one of {known}, got {kind!r}; "
+            f"{_suggest(str(kind), DATASETS)}"
         )
     return _validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset), f"run file {path}: [dataset]")
 
@@ -182,7 +183,8 @@ def _validate(model: type[P], table: Mapping[str, Any], where: str) -> P:
 def _line(model: type[BaseModel], problem: Any, where: str) -> str:
     key = ".".join(map(str, problem["loc"]))
     if problem["type"] == "extra_forbidden":
-        return f"{where}: expected a known key, got {key!r}; {_suggest(str(problem['loc'][-1]), _fields_at(model, problem['loc'][:-1]))}"
+        suggestion = _suggest(str(problem["loc"][-1]), _fields_at(model, problem["loc"][:-1]))
+        return f"{where}: expected a known key, got {key!r}; {suggestion}"
     if problem["type"] == "missing":
         return f"{where}: expected {key!r}, got nothing; add it"
     return f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}, got {problem['input']!r}; mend the value"

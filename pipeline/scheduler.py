@@ -225,7 +225,8 @@ def _lost(task: Task, future: Any) -> Outcome:
     error = None if future.cancelled() else future.exception()
     reason = f"{type(error).__name__}" if error else CancelledError.__name__
     text = (
-        f"{task.shape}: expected the worker to finish {task.stage}, got its death ({reason}: out of memory, or a crash in native code); "
+        f"{task.shape}: expected the worker to finish {task.stage}, got its death ({reason}: out of memory, "
+        "or a crash in native code); "
         "raise execution.memory_gb, or run with --workers 0 to see"
     )
     failure = Failure(task.stage, task.shape, task.address, f"ChildProcessError: {text}", permanent=False)

@@ -77,7 +77,8 @@ class Store:
             self.fs.pipe_file(probe, b"")
             self.fs.rm_file(probe)
         except OSError as error:
-            reason = f"store: expected a folder or URL that can be written, got {self.url} ({error}); give another with --store"
+            got = f"{self.url} ({error})"
+            reason = f"store: expected a folder or URL that can be written, got {got}; give another with --store"
             raise PermissionError(reason) from error
 
     def path(self, stage: str, address: str) -> str:
@@ -253,4 +254,5 @@ def _scan(stage: Path) -> Iterator[str]:
 
 
 def _corrupt(stage: str, address: str, name: str, reason: object) -> str:
-    return f"{stage} {address[:12]}/{name}: expected the bytes that were written, got damaged ones ({reason}); run `b23d verify`"
+    where = f"{stage} {address[:12]}/{name}"
+    return f"{where}: expected the bytes that were written, got damaged ones ({reason}); run `b23d verify`"

@@ -171,7 +171,8 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
         clock.seconds += time.perf_counter() - started
     if not isinstance(artifact, stage.gives):
         raise TypeError(
-            f"stage {task.stage}: expected to give {stage.gives.__name__}, got {type(artifact).__name__}; mend the stage"
+            f"stage {task.stage}: expected to give {stage.gives.__name__}, got {type(artifact).__name__}; "
+            "mend the stage"
         )
     return artifact
 

@@ -102,5 +102,6 @@ def _check(name: str, value: np.ndarray, spec: ArraySpec, lengths: dict[str, int
         wanted = int(dim) if dim.isdigit() else lengths.setdefault(dim, length)
         if length != wanted:
             raise ValueError(
-                f"{name}: expected {spec} with {dim} = {wanted}, got shape {value.shape}; arrays of one artifact must agree"
+                f"{name}: expected {spec} with {dim} = {wanted}, got shape {value.shape}; "
+                "arrays of one artifact must agree"
             )

@@ -42,7 +42,8 @@ def apply_head(
     inputs, lengths = shape_inputs("the target", normalize, reweight, geodesic, train_head.features, train_head.context)
     if inputs.shape[1] != len(train_head.mean):
         raise ValueError(
-            f"features: expected inputs of {len(train_head.mean)} numbers as the head has ({train_head.descriptor}), got {inputs.shape[1]} "
+            f"features: expected inputs of {len(train_head.mean)} numbers as the head has ({train_head.descriptor}), "
+            f"got {inputs.shape[1]} "
             f"on the target ({reweight.descriptor}); use one encoder for all"
         )
     likely = probabilities(train_head, inputs)

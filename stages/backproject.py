@@ -42,7 +42,8 @@ def backproject(
     """
     if len(render.depth) != len(extract.tokens):
         raise ValueError(
-            f"tokens: expected those of {len(render.depth)} views, got {len(extract.tokens)}; extract them from these views"
+            f"tokens: expected those of {len(render.depth)} views, got {len(extract.tokens)}; "
+            "extract them from these views"
         )
     points = normalize.points.astype(np.float64)
     pixels, depths = project(points, render.world_to_camera, render.intrinsics)

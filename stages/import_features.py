@@ -53,7 +53,8 @@ def import_features(
     if points is None:
         if len(features) != len(normalize.points):
             raise ValueError(
-                f"{name}: expected features of {len(normalize.points)} candidates, got {len(features)}; store `points` with them"
+                f"{name}: expected features of {len(normalize.points)} candidates, got {len(features)}; "
+                "store `points` with them"
             )
         observed = np.ones(len(features), bool)
     else:

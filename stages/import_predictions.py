@@ -105,6 +105,7 @@ def _indices(name: str, indices: np.ndarray, shape: NormalizedShape) -> np.ndarr
         )
     if len(indices) and not 0 <= indices.min() <= indices.max() < len(shape.points):
         raise ValueError(
-            f"{name}: expected indices below {len(shape.points)}, got {indices.min()} … {indices.max()}; index the same cloud"
+            f"{name}: expected indices below {len(shape.points)}, got {indices.min()} … {indices.max()}; "
+            "index the same cloud"
         )
     return indices.astype(np.int64)

@@ -112,7 +112,8 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         on, distance = nearest_on_faces(points, result.vertices, result.faces)
         if (away := float(np.median(distance))) > OFF_SURFACE:
             raise ValueError(
-                f"{shape}: expected its cloud on its mesh, got a median distance of {away:.2g} of the longest side; bring both "
+                f"{shape}: expected its cloud on its mesh, got a median distance of {away:.2g} of the longest side; "
+                "bring both "
                 'into one frame, leave one out, or set stages.normalize.candidates = "fps"'
             )
     else:
@@ -205,7 +206,8 @@ def _check_finite(shape: str, points: np.ndarray, params: NormalizeParams, what:
     bad = len(points) - int(finite_rows(points).sum())
     if bad > params.max_nonfinite * len(points) or bad == len(points):
         raise ValueError(
-            f"{shape}: expected finite {what}, got {bad} of {len(points)} NaN or infinite; mend the file, remove the shape, or "
+            f"{shape}: expected finite {what}, got {bad} of {len(points)} NaN or infinite; "
+            "mend the file, remove the shape, or "
             "raise stages.normalize.max_nonfinite"
         )
     return bad

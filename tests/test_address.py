@@ -75,7 +75,8 @@ def test_nan_is_refused() -> None:
 
 def test_another_process_gives_the_same_address() -> None:
     code = (
-        "from b23d.pipeline.address import StageAddress; print(StageAddress('s', 1, {'b': 0.1, 'a': [1, 'ü']})({'x': 'y'}))"
+        "from b23d.pipeline.address import StageAddress; "
+        "print(StageAddress('s', 1, {'b': 0.1, 'a': [1, 'ü']})({'x': 'y'}))"
     )
     outputs = [
         subprocess.run(

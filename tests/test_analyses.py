@@ -23,7 +23,8 @@ from tests.shared_data import shared
 
 FILES = sorted((Path(__file__).parents[1] / "runs" / "analyses").glob("*.toml"))
 TINY = {
-    "stages.normalize.count": "96", "dataset.points": "96", "stages.render.rings": "1", "stages.render.resolution": "48",
+    "stages.normalize.count": "96", "dataset.points": "96", "stages.render.rings": "1",
+    "stages.render.resolution": "48",
     "stages.extract.encoder": '"efficientnet-lite0"', "stages.describe.eigenpairs": "24", "dataset.count": "2",
     "dataset.classes": '["mug"]',
 }  # fmt: skip

@@ -149,9 +149,9 @@ def test_every_variant_of_the_papers_table_is_valid(member: Member) -> None:
 
 def test_the_papers_table_has_the_papers_systems_and_other_data_sets() -> None:
     names = {member.label.partition("/")[2] or member.label for member in LISTED}
-    wanted = {"B2-3D", "FPS", "ISS", "HARRIS-3D", "SIFT-3D", "trained head", "CLIP ViT-L/14", "SAM ViT-H", "EfficientNet B4",
-              "DINOv2 ViT-g/14", "HKS", "WKS", "SHOT", "1 shot", "5 shots", "retrieval", "texture", "nearest neighbour", "Hungarian",
-              "discrete", "softmax", "α = 0", "β = 2"}  # fmt: skip
+    wanted = {"B2-3D", "FPS", "ISS", "HARRIS-3D", "SIFT-3D", "trained head", "CLIP ViT-L/14", "SAM ViT-H",
+              "EfficientNet B4", "DINOv2 ViT-g/14", "HKS", "WKS", "SHOT", "1 shot", "5 shots", "retrieval", "texture",
+              "nearest neighbour", "Hungarian", "discrete", "softmax", "α = 0", "β = 2"}  # fmt: skip
     assert wanted <= names
     keypointnet = load_config(PAPER, ['dataset={kind = "keypointnet", root = "x", classes = ["airplane"]}'])
     assert keypointnet.dataset.kind == "keypointnet" and len(members(keypointnet)) == len(LISTED)
@@ -180,7 +180,8 @@ def scores(level: float) -> ScoreTable:
     curve = Curve(mean=[level * t * 10 for t in thresholds], sd=[0.01] * 11)
     spread = Spread(mean=level / 2, sd=0.01)
     row = ClassScores(
-        targets=4, draws=2, thresholds=thresholds, iou=curve, auc=spread, pck=curve, symmetric_pck=curve, one_to_one=curve,
+        targets=4, draws=2, thresholds=thresholds, iou=curve, auc=spread, pck=curve, symmetric_pck=curve,
+        one_to_one=curve,
         presence=Presence(precision=spread, recall=spread), ceiling=1.0, annotation_files=[],
     )  # fmt: skip
     return ScoreTable(run="x", protocol="made up", classes={"chair": row}, mean=row)

@@ -314,7 +314,8 @@ def test_score_takes_detections_without_names_twice_the_same_and_none() -> None:
     for chosen, expected in (([3, 3, 900], (1, 1, 1)), ([900, 900], (0, 2, 2)), ([], (0, 0, 2))):
         count = len(chosen)
         found = Prediction(
-            ids=np.full(count, -1, np.int32), points=np.array(chosen, np.int32), positions=shape.points[np.array(chosen, int)],
+            ids=np.full(count, -1, np.int32), points=np.array(chosen, np.int32),
+            positions=shape.points[np.array(chosen, int)],
             present=np.ones(count, bool), costs=np.zeros(count, np.float32), objective=0, method="by hand",
         )  # fmt: skip
         scored = score(shape, found, keypoints, [keypoints], ScoreParams(thresholds=(0.001,)))

@@ -13,8 +13,9 @@ from tests.made_datasets import PCD, PLY_MESH, PLY_POINTS, by_name, entry, put, 
 
 
 def test_folder_of_categories(tmp_path: Path) -> None:
-    root = put(tmp_path, {"chair/a.obj": b"v", "chair/deep/b.PLY": PLY_MESH, "table/a.glb": b"g", "table/a.pcd": PCD, "notes.txt": b"",
-                          "table/c.xyz": b"0 0 0", ".hidden/x.obj": b"", "chair/.y.obj": b""})  # fmt: skip
+    root = put(tmp_path, {"chair/a.obj": b"v", "chair/deep/b.PLY": PLY_MESH, "table/a.glb": b"g", "table/a.pcd": PCD,
+                          "notes.txt": b"", "table/c.xyz": b"0 0 0",
+                          ".hidden/x.obj": b"", "chair/.y.obj": b""})  # fmt: skip
     shapes = by_name(Folder(root=root).shapes())
     assert {name: sorted(shape.leaves["source"].files) for name, shape in shapes.items()} == {
         "chair/a": ["mesh.obj"],
@@ -36,7 +37,8 @@ def test_a_flat_folder_is_one_category(tmp_path: Path) -> None:
 def test_an_obj_brings_its_materials_and_images(tmp_path: Path) -> None:
     root = put(tmp_path, {
         "chairs/models/a.obj": b"# x\nmtllib a.mtl\nmtllib lost.mtl\nv 0 0 0\n",
-        "chairs/models/a.mtl": b"newmtl m\nmap_Kd ..\\images\\Wood 1.JPG\nnewmtl n\nmap_Kd -s 2 2 1 -bm 1 gone.png\nmap_Kd K:/abs.png\n",
+        "chairs/models/a.mtl": b"newmtl m\nmap_Kd ..\\images\\Wood 1.JPG\n"
+                               b"newmtl n\nmap_Kd -s 2 2 1 -bm 1 gone.png\nmap_Kd K:/abs.png\n",
         "chairs/images/wood 1.jpg": b"jpg", "chairs/models/other.mtl": b"",
     })  # fmt: skip
     (shape,) = Folder(root=root).shapes()
@@ -95,7 +97,8 @@ def test_folder_keypoints(tmp_path: Path) -> None:
     )
     file = f"{root}/keypoints.json"
     assert {name: shape.error for name, shape in shapes.items() if shape.error} == {
-        "chair/lost": f"chair/lost: expected a mesh or cloud lost.* below {root}, got none; add it, or drop its entry from {file}",
+        "chair/lost": f"chair/lost: expected a mesh or cloud lost.* below {root}, got none; "
+        f"add it, or drop its entry from {file}",
         "sofa/b": f"b: expected class_id among chair, table in {file}, got 'sofa'; mend the annotation file",
         "chair/twice": f"chair/twice: expected one entry in {file}, got several; mend the annotation file",
     }

@@ -78,7 +78,8 @@ def cloud(count: int = 300, seed: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("on", "params", "tolerance"),
-    [("mesh", {"method": "graph"}, 0.04), ("mesh", {"method": "graph", "shortcuts": "cut"}, 0.04), ("mesh", {"method": "heat"}, 0.02),
+    [("mesh", {"method": "graph"}, 0.04), ("mesh", {"method": "graph", "shortcuts": "cut"}, 0.04),
+     ("mesh", {"method": "heat"}, 0.02),
      ("cloud", {"method": "graph", "shortcuts": "cut"}, 0.04), ("cloud", {"method": "heat"}, 0.05)],
 )  # fmt: skip
 def test_great_circles_on_a_sphere(on: str, params: dict, tolerance: float) -> None:

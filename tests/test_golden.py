@@ -82,7 +82,8 @@ def outputs_of(way: str, folder: Path) -> dict[str, Any]:
 def test_outputs_change_only_with_the_stages_version(way: str, tmp_path: Path) -> None:
     golden = json.loads(GOLDEN.read_text())[way]
     for stage, now in outputs_of(way, tmp_path).items():
-        advice = f"{stage} {now['version']}: its output is not what golden.json has; raise its version, then python -m tests.test_golden"
+        wrong = f"{stage} {now['version']}: its output is not what golden.json has"
+        advice = f"{wrong}; raise its version, then python -m tests.test_golden"
         before = golden[stage]
         assert now["version"] == before["version"], (
             f"{stage}: version is not golden.json's; python -m tests.test_golden"

@@ -73,7 +73,8 @@ def test_every_place_on_a_face_is_near_one_of_its_anchors() -> None:
 
 
 def annotated(positions: Any, indices: list[int]) -> Keypoints:
-    return Keypoints(ids=np.arange(len(indices), dtype=np.int32) + 10, positions=np.asarray(positions, np.float64).reshape(-1, 3),
+    return Keypoints(ids=np.arange(len(indices), dtype=np.int32) + 10,
+                     positions=np.asarray(positions, np.float64).reshape(-1, 3),
                      point_indices=np.array(indices, np.int32))  # fmt: skip
 
 

@@ -60,7 +60,8 @@ class Page:
             """([side, point]) => {
                 const place = document.getElementById(`viewer-scene-${side}`);
                 place.emit("plotly_hover", { points: [{ curveNumber: 1, pointNumber: point }] });
-                for (const name of ["pointerdown", "pointerup"]) place.dispatchEvent(new PointerEvent(name, { clientX: 9, clientY: 9 }));
+                const where = { clientX: 9, clientY: 9 };
+                for (const name of ["pointerdown", "pointerup"]) place.dispatchEvent(new PointerEvent(name, where));
             }""",
             [side, point],
         )

@@ -40,7 +40,8 @@ def expected(u: float, v: float) -> np.ndarray:
     return SHADES[int((1 - v % 1) * 48) % 48, int((u % 1) * 64)].astype(int)
 
 
-MTL = b"newmtl pic\nKd 0 0 0\nmap_Kd -s 1 1 1 my pic.png\nnewmtl plain\nKd 1 .5 0\nnewmtl lost\nKd 0 0 1\nmap_Kd C:\\gone.jpg\n"
+MTL = b"newmtl pic\nKd 0 0 0\nmap_Kd -s 1 1 1 my pic.png\n"
+MTL += b"newmtl plain\nKd 1 .5 0\nnewmtl lost\nKd 0 0 1\nmap_Kd C:\\gone.jpg\n"
 PLACES = [(0.8, 0.1, 0.1), (0.1, 0.8, 0.1), (0.1, 0.1, 0.8), (0.3, 0.3, 0.4)]
 
 
@@ -51,7 +52,8 @@ def textured(uvs: list[tuple[float, float]], more: bytes = b"") -> NormalizedSha
     return normalize(Source(shape="s", files=files, mesh="mesh.obj"), NormalizeParams(count=64))
 
 
-@pytest.mark.parametrize("uvs", [[(0, 0), (1, 0), (1, 1)], [(0.2, 0.1), (0.9, 0.3), (0.6, 0.7)], [(-3.8, 7.1), (-3.1, 7.3), (-3.4, 7.7)],
+@pytest.mark.parametrize("uvs", [[(0, 0), (1, 0), (1, 1)], [(0.2, 0.1), (0.9, 0.3), (0.6, 0.7)],
+                                 [(-3.8, 7.1), (-3.1, 7.3), (-3.4, 7.7)],
                                  [(0.5, 0.5), (2.5, 0.6), (1.5, 3.4)]])  # fmt: skip
 @pytest.mark.parametrize("more", [b"", b"usemtl plain\nf 3 4 5\nusemtl unknown\nf 1 3 4"])
 def test_texture_shows_what_the_image_has_there(uvs: list[tuple[float, float]], more: bytes) -> None:
@@ -131,7 +133,8 @@ def test_ply_face_colors_become_a_palette() -> None:
 
 def test_ply_corner_texture_keeps_vertices_shared() -> None:
     """MeshLab's per-corner coordinates: trimesh would split the vertices."""
-    head = b"ply\nformat ascii 1.0\ncomment TextureFile pic.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    head = b"ply\nformat ascii 1.0\ncomment TextureFile pic.png\nelement vertex 4\n"
+    head += b"property float x\nproperty float y\nproperty float z\n"
     head += b"element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
     body = b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 6 .1 .1 .9 .1 .9 .6\n3 0 2 3 6 .8 .9 .2 .3 .4 .9\n"
     files = {"m.ply": head + body, "pic.png": png(SHADES)}

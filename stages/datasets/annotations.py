@@ -53,7 +53,8 @@ class AnnotationFile:
         for i, entry in enumerate(entries):
             if not isinstance(entry, dict) or not isinstance(entry.get("model_id"), str):
                 raise ValueError(
-                    f"{path}: expected entry {i} to be an object with a string `model_id`, got {str(entry)[:80]}; {MEND}"
+                    f"{path}: expected entry {i} to be an object with a string `model_id`, got {str(entry)[:80]}; "
+                    f"{MEND}"
                 )
         return cls(entries, hashlib.sha256(data).hexdigest())
 
@@ -145,5 +146,6 @@ def _groups(symmetries: Any, kind: str, ids: list[int], shape: str) -> list[tupl
         return [tuple(ids[i] for i in group) for group in groups if group]
     except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
         raise ValueError(
-            f"{shape}: expected symmetries.{kind} to be a list of kp_indexes below {len(ids)}, got {str(symmetries)[:120]}; {MEND}"
+            f"{shape}: expected symmetries.{kind} to be a list of kp_indexes below {len(ids)}, "
+            f"got {str(symmetries)[:120]}; {MEND}"
         ) from error

@@ -60,7 +60,8 @@ class Folder(WithExternals):
         if not found:
             formats = " ".join((*MESH_SUFFIXES, *CLOUD_SUFFIXES))
             raise FileNotFoundError(
-                f"folder: expected files like {self.pattern} of {formats} below {self.root}, got none; set dataset.root or dataset.pattern"
+                f"folder: expected files like {self.pattern} of {formats} below {self.root}, got none; "
+                "set dataset.root or dataset.pattern"
             )
         keypoints, errors = self._annotations(found)
         companions, externals = Companions(files), self.externals()
@@ -97,7 +98,8 @@ class Folder(WithExternals):
         for what, same in (("mesh", meshes), ("cloud", clouds)):
             if len(same) > 1:
                 raise ValueError(
-                    f"{name}: expected one {what}, got {' and '.join(same)}; rename one, choose files with dataset.pattern, "
+                    f"{name}: expected one {what}, got {' and '.join(same)}; "
+                    "rename one, choose files with dataset.pattern, "
                     'or set dataset.id = "folder"'
                 )
         return {what: same[0] for what, same in (("mesh", meshes), ("cloud", clouds)) if same}
@@ -134,10 +136,12 @@ class Folder(WithExternals):
         if having:
             return (
                 key,
-                f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}; mend the annotation file",
+                f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}; "
+                "mend the annotation file",
             )
         name = "/".join(key)
         return (
             key,
-            f"{name}: expected a mesh or cloud {model}.* below {self.root}, got none; add it, or drop its entry from {path}",
+            f"{name}: expected a mesh or cloud {model}.* below {self.root}, got none; "
+            f"add it, or drop its entry from {path}",
         )

@@ -51,7 +51,8 @@ class KeypointNet(WithExternals):
         classes = existing if self.classes is None else list(dict.fromkeys(self.classes))
         if unknown := [name for name in classes if name not in existing]:
             raise FileNotFoundError(
-                f"keypointnet: expected classes among {', '.join(existing)} in {folder}, got {', '.join(unknown)}; set dataset.classes"
+                f"keypointnet: expected classes among {', '.join(existing)} in {folder}, got {', '.join(unknown)}; "
+                "set dataset.classes"
             )
         splits, externals = self._splits(), self.externals()
         shapes = [shape for category in classes for shape in self._class(category, splits, externals)]
@@ -67,7 +68,8 @@ class KeypointNet(WithExternals):
             class_id, model_id = entry.get("class_id"), entry["model_id"]
             if not isinstance(class_id, str):
                 raise ValueError(
-                    f"{path}: expected a string `class_id` for model {model_id}, got {class_id!r}; mend the annotation file"
+                    f"{path}: expected a string `class_id` for model {model_id}, got {class_id!r}; "
+                    "mend the annotation file"
                 )
             for part, suffix in ((CLOUDS, ".pcd"), (MESHES, ".ply")):
                 if f"{part}/{class_id}" not in listed:
@@ -90,7 +92,8 @@ class KeypointNet(WithExternals):
             return None
         places = {"mesh": f"{MESHES}/{file}.ply", "cloud": f"{CLOUDS}/{file}.pcd"}
         expected = places.get(self.geometry, " or ".join(places.values()))
-        return f"{name}: expected {expected} in {self.root}, got no such file; add it, or leave the model out of the annotation file"
+        remedy = "add it, or leave the model out of the annotation file"
+        return f"{name}: expected {expected} in {self.root}, got no such file; {remedy}"
 
     def _splits(self) -> dict[str, str]:
         """`<class_id>-<model_id>` → train, val or test; empty where the data set has no splits folder."""

@@ -26,7 +26,8 @@ from b23d.schemas.shape import Source
 
 LABELS = {
     "Airplane": range(0, 4), "Bag": range(4, 6), "Cap": range(6, 8), "Car": range(8, 12), "Chair": range(12, 16),
-    "Earphone": range(16, 19), "Guitar": range(19, 22), "Knife": range(22, 24), "Lamp": range(24, 28), "Laptop": range(28, 30),
+    "Earphone": range(16, 19), "Guitar": range(19, 22), "Knife": range(22, 24), "Lamp": range(24, 28),
+    "Laptop": range(28, 30),
     "Motorbike": range(30, 36), "Mug": range(36, 38), "Pistol": range(38, 41), "Rocket": range(41, 44),
     "Skateboard": range(44, 47), "Table": range(47, 50),
 }  # fmt: skip
@@ -55,12 +56,14 @@ class ShapeNetPart(Dataset):
         wanted = existing if self.classes is None else list(dict.fromkeys(self.classes))
         if absent := [name for name in wanted if name not in existing]:
             raise FileNotFoundError(
-                f"shapenetpart: expected classes among {', '.join(existing) or 'none'} in {self.root}, got {', '.join(absent)}; "
+                f"shapenetpart: expected classes among {', '.join(existing) or 'none'} in {self.root}, "
+                f"got {', '.join(absent)}; "
                 "set dataset.classes"
             )
         if strange := [name for name in wanted if name not in LABELS]:
             raise ValueError(
-                f"shapenetpart: expected classes among {', '.join(LABELS)}, got {', '.join(strange)}; set dataset.classes"
+                f"shapenetpart: expected classes among {', '.join(LABELS)}, got {', '.join(strange)}; "
+                "set dataset.classes"
             )
         splits = self._splits()
         shapes = [shape for category in wanted for shape in self._class(category, synsets[category], splits)]
@@ -151,6 +154,7 @@ def _rows(files: dict[str, bytes], values: dict[str, Any]) -> np.ndarray:
     if not len(found) or (widths[widths > 0] != COLUMNS).any() or len(found) % COLUMNS:
         got = sorted(set(widths[widths > 0].tolist()))
         raise ValueError(
-            f"{values['shape']}: expected rows `x y z nx ny nz label`, got rows of {got or 'no'} numbers; restore the file"
+            f"{values['shape']}: expected rows `x y z nx ny nz label`, got rows of {got or 'no'} numbers; "
+            "restore the file"
         )
     return found.reshape(-1, COLUMNS)

@@ -81,7 +81,8 @@ def wave_kernel_signature(spectrum: Spectrum, energies: int, width: float) -> np
     waves = spectrum.values > 1e-6 * spectrum.values[-1]
     if waves.sum() < 2:
         raise ValueError(
-            f"spectrum: expected eigenvalues above zero, got {spectrum.values[-3:]}; raise eigenpairs, or describe the cloud"
+            f"spectrum: expected eigenvalues above zero, got {spectrum.values[-3:]}; "
+            "raise eigenpairs, or describe the cloud"
         )
     logs = np.log(spectrum.values[waves])
     # 2 sigma at both ends: low + 2 w step … high - 2 w step in `energies` steps

@@ -47,7 +47,8 @@ def annotated_shot(
     cloud."""
     if len(geodesic.distances) != len(shape.points):
         raise ValueError(
-            f"{name}: expected distances of {len(shape.points)} candidates, got {len(geodesic.distances)}; re-run geodesic"
+            f"{name}: expected distances of {len(shape.points)} candidates, got {len(geodesic.distances)}; "
+            "re-run geodesic"
         )
     at = keypoint_candidates(keypoints, shape, name)
     return AnnotatedShot(shape.points.astype(np.float64), geodesic.distances[:, at])

@@ -31,7 +31,8 @@ BATCH = 4
 BLOCK = 10
 """0-based MBConv block whose output is taken by default: the last of stride 16, 112 channels, a grid of 14² at 224²."""
 STAGES = [  # repeats, kernel, stride of the first, expansion, channels: Table 1 of the paper
-    (1, 3, 1, 1, 16), (2, 3, 2, 6, 24), (2, 5, 2, 6, 40), (3, 3, 2, 6, 80), (3, 5, 1, 6, 112), (4, 5, 2, 6, 192), (1, 3, 1, 6, 320),
+    (1, 3, 1, 1, 16), (2, 3, 2, 6, 24), (2, 5, 2, 6, 40), (3, 3, 2, 6, 80), (3, 5, 1, 6, 112), (4, 5, 2, 6, 192),
+    (1, 3, 1, 6, 320),
 ]  # fmt: skip
 STEM, HEAD, CLASSES = 32, 1280, 1000
 EPSILON = 1e-3

@@ -105,7 +105,8 @@ class Encoder:
         """
         if images.dtype != np.uint8 or images.ndim != 4 or images.shape[-1] != 3 or 0 in images.shape:
             raise ValueError(
-                f"encoder {self.name}: expected images uint8 (view, row, column, 3), got {images.dtype} {images.shape}; "
+                f"encoder {self.name}: expected images uint8 (view, row, column, 3), "
+                f"got {images.dtype} {images.shape}; "
                 "convert them"
             )
         views, step = len(images), batch or self.backbone.batch * (CUDA_BATCH if self.device == "cuda" else 1)
@@ -125,7 +126,8 @@ class Encoder:
         half = values.to(torch.float16)
         if not bool(half.isfinite().all()):
             raise ValueError(
-                f"encoder {self.name}: expected tokens in float16's range (65504), got {float(values.abs().max()):.3g}; "
+                f"encoder {self.name}: expected tokens in float16's range (65504), "
+                f"got {float(values.abs().max()):.3g}; "
                 "set stages.extract.layernorm, or take other blocks or weights"
             )
         return half.cpu().numpy()
@@ -141,7 +143,8 @@ def blocks_taken(encoder: str, wanted: tuple[int, ...], depth: int, default: int
     """The blocks to take. Raises ValueError where one is beyond the encoder's depth."""
     if wanted and max(wanted) >= depth:
         raise ValueError(
-            f"encoder {encoder}: expected blocks from 0 to {depth - 1}, got {list(wanted)}; correct stages.extract.blocks"
+            f"encoder {encoder}: expected blocks from 0 to {depth - 1}, got {list(wanted)}; "
+            "correct stages.extract.blocks"
         )
     return wanted or (default,)
 
@@ -171,6 +174,7 @@ def joined(encoder: str, maps: list[Tensor]) -> Tensor:
     grids = {tuple(one.shape[-2:]) for one in maps}
     if len(grids) > 1:
         raise ValueError(
-            f"encoder {encoder}: expected stages.extract.blocks of one grid, got {sorted(grids)}; take blocks of one stride"
+            f"encoder {encoder}: expected stages.extract.blocks of one grid, got {sorted(grids)}; "
+            "take blocks of one stride"
         )
     return torch.cat(maps, 1).permute(0, 2, 3, 1)

@@ -74,7 +74,8 @@ def _family(checkpoint: Checkpoint) -> Build:
     model_type = read_json(checkpoint.path / CONFIG).get("model_type")
     if model_type not in FAMILIES:
         raise ValueError(
-            f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {', '.join(FAMILIES)}, got {model_type} in "
+            f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {', '.join(FAMILIES)}, "
+            f"got {model_type} in "
             f"{checkpoint.path}; take one of these"
         )
     return FAMILIES[model_type]

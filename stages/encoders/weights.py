@@ -138,8 +138,10 @@ def _from_hub(encoder: str) -> Checkpoint:
     ) as error:  # no network, no such repository, no access, disk full: the hub's errors are these
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise FileNotFoundError(
-            f"encoder {encoder}: expected its weights in the hub's cache or a folder given by stages.extract.weights, got neither, and "
-            f"the hub cannot be reached or does not give {hub} ({reason}); download it where there is a network, or take efficientnet-lite0"
+            f"encoder {encoder}: expected its weights in the hub's cache or a folder given by stages.extract.weights, "
+            "got neither, and "
+            f"the hub cannot be reached or does not give {hub} ({reason}); "
+            "download it where there is a network, or take efficientnet-lite0"
         ) from error
     return _in_folder(encoder, folder)
 
@@ -148,7 +150,8 @@ def _expect(checkpoint: Checkpoint, sha256: str, remedy: str) -> None:
     got = checkpoint.digests()["weights"]
     if got != sha256:
         raise ValueError(
-            f"encoder {checkpoint.encoder}: expected weights of sha256 {sha256}, got {got} in {checkpoint.path}; {remedy}"
+            f"encoder {checkpoint.encoder}: expected weights of sha256 {sha256}, got {got} in {checkpoint.path}; "
+            f"{remedy}"
         )
 
 
@@ -157,7 +160,8 @@ def _expect_family(checkpoint: Checkpoint) -> None:
         expected, got = HUB[checkpoint.encoder].model_types, read_json(checkpoint.configs[0]).get("model_type")
         if got not in expected:
             raise ValueError(
-                f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {' or '.join(expected)}, got {got} in "
+                f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {' or '.join(expected)}, "
+                f"got {got} in "
                 f"{checkpoint.path}; give the checkpoint of this encoder, or its own hub name as stages.extract.encoder"
             )
 

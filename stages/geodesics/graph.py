@@ -75,7 +75,8 @@ def graph_distances(
         )
     if len(sources) and (sources.min() < 0 or sources.max() >= len(points)):
         raise ValueError(
-            f"sources: expected indices below {len(points)}, got {sources.min()} … {sources.max()}; index the same cloud"
+            f"sources: expected indices below {len(points)}, got {sources.min()} … {sources.max()}; "
+            "index the same cloud"
         )
     edges, lengths = neighbour_edges(points, neighbors)
     graph = edge_graph(len(points), edges, lengths)

@@ -67,7 +67,8 @@ def read_pcd(data: bytes) -> Cloud:
         columns = [record[name][:, 0] for name in layout.names or ()]
     else:
         raise MalformedError(
-            f"data: expected ascii or binary, got {encoding.decode()}; convert it (pcl_convert_pcd_ascii_binary, Open3D)"
+            f"data: expected ascii or binary, got {encoding.decode()}; "
+            "convert it (pcl_convert_pcd_ascii_binary, Open3D)"
         )
     points = np.stack([columns[axis] for axis in (x, y, z)], axis=1).astype(np.float64)
     packed = next((fields.index(name) for name in ("rgb", "rgba") if name in fields), None)

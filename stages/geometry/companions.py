@@ -12,8 +12,8 @@ import posixpath
 import re
 from urllib.parse import unquote
 
-MAP_OPTIONS = {b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1, b"-clamp": 1,
-               b"-texres": 1, b"-imfchan": 1, b"-boost": 1, b"-type": 1}  # fmt: skip
+MAP_OPTIONS = {b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1,
+               b"-clamp": 1, b"-texres": 1, b"-imfchan": 1, b"-boost": 1, b"-type": 1}  # fmt: skip
 """Options that may stand before the file name of `map_Kd`, and how many values each takes (at most, where it may
 vary)."""
 

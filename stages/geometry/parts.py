@@ -27,7 +27,8 @@ def part_names(annotated: Mapping[str, Parts]) -> list[str]:
         wrong = parts.labels[(parts.labels < 0) | (parts.labels >= len(names))]
         if len(wrong):
             raise ValueError(
-                f"{name}: expected part labels below {len(names)} ({', '.join(names)}), got {wrong[0]}; mend the annotation"
+                f"{name}: expected part labels below {len(names)} ({', '.join(names)}), got {wrong[0]}; "
+                "mend the annotation"
             )
     return names
 

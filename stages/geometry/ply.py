@@ -22,9 +22,11 @@ from b23d.stages.geometry.surface import (
 )
 from b23d.stages.geometry.text import integers, numbers, plain, uncommented
 
-TYPES = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
-         "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
-         "int64": "i8", "uint64": "u8"}  # fmt: skip
+TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8", "int64": "i8", "uint64": "u8",
+}  # fmt: skip
 Lists = tuple[np.ndarray, np.ndarray]
 """A list property: how many values each row has, and all values one after another."""
 

@@ -76,7 +76,8 @@ def check_faces(faces: np.ndarray, vertices: int) -> None:
         first = int(np.argmax(wrong))
         index = next(int(i) for i in faces[first] if not 0 <= i < vertices)
         raise MalformedError(
-            f"face {first}: expected vertex indices from 0 to {vertices - 1}, got {index} ({int(wrong.sum())} such faces); "
+            f"face {first}: expected vertex indices from 0 to {vertices - 1}, "
+            f"got {index} ({int(wrong.sum())} such faces); "
             "export the mesh again"
         )
 

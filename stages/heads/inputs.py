@@ -46,7 +46,8 @@ def shape_inputs(
     n = len(shape.points)
     if len(features.features) != n or len(distances.distances) != n:
         raise ValueError(
-            f"{name}: expected features and distances of its {n} candidates, got {len(features.features)} and {len(distances.distances)}; "
+            f"{name}: expected features and distances of its {n} candidates, "
+            f"got {len(features.features)} and {len(distances.distances)}; "
             "re-run reweight and geodesic"
         )
     if not np.isfinite(features.features).all():
@@ -90,5 +91,6 @@ def check_examples(examples: list[Example]) -> None:
     widths = sorted({one.inputs.shape[1] for one in examples})
     if len(widths) > 1:
         raise ValueError(
-            f"shots: expected features with as many channels in every shot, got inputs of {widths}; use one encoder for all"
+            f"shots: expected features with as many channels in every shot, got inputs of {widths}; "
+            "use one encoder for all"
         )

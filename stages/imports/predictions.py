@@ -69,7 +69,8 @@ def generic(file: External, cloud: np.ndarray, params: Any) -> Found:
         found = dict(zip(("points", "scores", "ids"), (table[:, :3], *table.T[3:]), strict=False))
     if unknown := found.keys() - {"points", "indices", "ids", "scores"}:
         raise ValueError(
-            f"{file.shape}: expected points or indices, ids and scores, got {', '.join(sorted(unknown))}; set another format"
+            f"{file.shape}: expected points or indices, ids and scores, got {', '.join(sorted(unknown))}; "
+            "set another format"
         )
     return _found(file, cloud, found)
 
@@ -77,7 +78,8 @@ def generic(file: External, cloud: np.ndarray, params: Any) -> Found:
 def usip(file: External, cloud: np.ndarray, params: Any) -> Found:
     if file.suffix != ".bin" or len(file.data) % 12:
         raise ValueError(
-            f"{file.shape}: expected a .bin of 12 bytes a keypoint, got {file.suffix} of {len(file.data)}; write it again"
+            f"{file.shape}: expected a .bin of 12 bytes a keypoint, got {file.suffix} of {len(file.data)}; "
+            "write it again"
         )
     return Found(np.frombuffer(file.data, "<f4").reshape(-1, 3))
 
@@ -86,7 +88,8 @@ def d3feat(file: External, cloud: np.ndarray, params: Any) -> Found:
     found = arrays(file)
     if not {"keypts", "scores"} <= found.keys():
         raise ValueError(
-            f"{file.shape}: expected keypts and scores, got {', '.join(found) or 'none'}; give the .npz that D3Feat writes"
+            f"{file.shape}: expected keypts and scores, got {', '.join(found) or 'none'}; "
+            "give the .npz that D3Feat writes"
         )
     return _found(file, cloud, {"points": found["keypts"], "scores": found["scores"]})
 
@@ -101,7 +104,8 @@ def ukpgan(file: External, cloud: np.ndarray, params: Any) -> Found:
     scores = shaped(file, "prob", scores, None)
     if len(scores) != len(cloud):
         raise ValueError(
-            f"{file.shape}: expected a probability of each of {len(cloud)} candidates, got {len(scores)}; use the same cloud"
+            f"{file.shape}: expected a probability of each of {len(cloud)} candidates, got {len(scores)}; "
+            "use the same cloud"
         )
     return _found(file, cloud, {"indices": np.arange(len(cloud)), "scores": scores})
 
@@ -119,7 +123,8 @@ def sift3d_csv(file: External, cloud: np.ndarray, params: Any) -> Found:
         table.size and (table.ndim != 2 or table.shape[1] not in (SIFT3D_COLUMNS, SIFT3D_COLUMNS + 1))
     ):
         raise ValueError(
-            f"{file.shape}: expected rows of 14 numbers (15 with the strength), got others; give what kpSift3D --keys writes"
+            f"{file.shape}: expected rows of 14 numbers (15 with the strength), got others; "
+            "give what kpSift3D --keys writes"
         )
     table = table if table.size else np.empty((0, SIFT3D_COLUMNS))
     rows = table[:, -SIFT3D_COLUMNS:]

@@ -29,7 +29,8 @@ def part_table(run: str, rows: Iterable[Row]) -> PartTable:
     if len(protocols) != 1:
         got = "none" if not protocols else " | ".join(sorted(protocols))
         raise ValueError(
-            f"part scores of {run}: expected scored shapes of one protocol, got {got}; run it first, or re-run score_parts"
+            f"part scores of {run}: expected scored shapes of one protocol, got {got}; "
+            "run it first, or re-run score_parts"
         )
     means = {
         c: {d: float(np.mean([one.iou for one in shapes.values()])) for d, shapes in draws.items()}

@@ -86,7 +86,8 @@ STATEMENTS = (
 )
 
 PART_CLASSES = (
-    "airplane", "bag", "cap", "chair", "earphone", "guitar", "knife", "lamp", "laptop", "motorbike", "mug", "pistol", "rocket",
+    "airplane", "bag", "cap", "chair", "earphone", "guitar", "knife", "lamp", "laptop", "motorbike", "mug", "pistol",
+    "rocket",
     "skateboard", "table",
 )  # fmt: skip
 PARTS = (

@@ -49,7 +49,8 @@ def _problem(
     features, distances = _scaled("the target", reweight, geodesic, n, params)
     if features.shape[1] != template.features.shape[1]:
         raise ValueError(
-            f"features: expected {template.features.shape[1]} channels as the shots have, got {features.shape[1]} on the target; "
+            f"features: expected {template.features.shape[1]} channels as the shots have, "
+            f"got {features.shape[1]} on the target; "
             "use one encoder for all"
         )
     apart = np.isinf(distances)

@@ -51,10 +51,12 @@ def main() -> int:
     params = run.config.params["optimize"]
     assert isinstance(params, OptimizeParams)
     print(
-        f"{run.name}: alpha {params.alpha:g}, features {params.features}, {options.steps} Adam steps, {options.threads} threads"
+        f"{run.name}: alpha {params.alpha:g}, features {params.features}, {options.steps} Adam steps, "
+        f"{options.threads} threads"
     )
     print(
-        f"{'class':14} {'problems':>8} {'discrete':>9} {'softmax':>9} {'worse':>6} {'s':>7} {'s':>8} {'AUC':>6} {'AUC':>6}",
+        f"{'class':14} {'problems':>8} {'discrete':>9} {'softmax':>9} {'worse':>6} {'s':>7} {'s':>8} {'AUC':>6} "
+        f"{'AUC':>6}",
         flush=True,
     )
     worse = 0

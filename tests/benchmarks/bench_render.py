@@ -69,8 +69,10 @@ def agreement(a: Views, b: Views) -> str:
     difference = np.abs(a.depth - b.depth)[in_a & in_b]
     levels = np.abs(a.images.astype(int) - b.images.astype(int))
     return (
-        f"silhouette IoU {overlap.mean():.5f} (least {overlap.min():.4f}), depth differs by {np.median(difference):.1e} "
-        f"(99.5 %: {np.quantile(difference, 0.995):.1e}), {(levels > 1).mean():.5f} of the pixels by more than one level"
+        f"silhouette IoU {overlap.mean():.5f} (least {overlap.min():.4f}), "
+        f"depth differs by {np.median(difference):.1e} "
+        f"(99.5 %: {np.quantile(difference, 0.995):.1e}), "
+        f"{(levels > 1).mean():.5f} of the pixels by more than one level"
     )
 
 
@@ -82,7 +84,8 @@ def bench(shape: NormalizedShape, name: str) -> None:
     )
     back, features = timed(time.thread_time, lambda: backproject(shape, views, tokens, BackprojectParams()))
     print(
-        f"{name:<32} {len(shape.vertices):7d} vertices {len(shape.faces):7d} faces: render (embree) {by_rays:.3f} s, backproject "
+        f"{name:<32} {len(shape.vertices):7d} vertices {len(shape.faces):7d} faces: render (embree) {by_rays:.3f} s, "
+        "backproject "
         f"{back:.3f} s; covers {(views.face_ids >= 0).mean():.2f}, {features.counts.mean():.1f} views a point, "
         f"{1 - features.observed.mean():.4f} unseen",
         flush=True,

@@ -18,7 +18,8 @@ from b23d.stages.datasets.procedural.solids import Solid, crossing
 from b23d.stages.datasets.procedural.wings import Section, edges, fin, span
 
 KEYPOINTS = (
-    "nose", "cockpit_top", "tail_end", "left_wing_tip", "left_wing_root_front", "right_wing_tip", "right_wing_root_front",
+    "nose", "cockpit_top", "tail_end", "left_wing_tip", "left_wing_root_front", "right_wing_tip",
+    "right_wing_root_front",
     "left_tail_tip", "right_tail_tip", "fin_top", "left_tail_engine", "right_tail_engine", "left_wing_root_back",
     "right_wing_root_back", "left_inner_engine", "right_inner_engine", "left_outer_engine", "right_outer_engine",
 )  # fmt: skip

@@ -23,7 +23,8 @@ def isometric_cubes(cells: int = 16, depth: float = 0.2, reach: float = 0.36) ->
     """
     if not (0 < reach < 0.5 and 0 < depth < 1):
         raise ValueError(
-            f"isometric cubes: expected 0 < reach < 0.5 and 0 < depth < 1, got {reach} and {depth}; make the dent smaller"
+            f"isometric cubes: expected 0 < reach < 0.5 and 0 < depth < 1, got {reach} and {depth}; "
+            "make the dent smaller"
         )
 
     def dented(sign: float) -> Solid:

@@ -19,6 +19,7 @@ def module_of(table: Mapping[str, Any]) -> ModuleType:
     kind = table.get("kind")
     if kind not in KINDS:
         raise ValueError(
-            f"analysis.kind: expected one of {', '.join(KINDS)}, got {kind!r}; add an [analysis] table, or mend its kind"
+            f"analysis.kind: expected one of {', '.join(KINDS)}, got {kind!r}; "
+            "add an [analysis] table, or mend its kind"
         )
     return importlib.import_module(f"b23d.stages.workbench.analyses.{kind}")

@@ -16,8 +16,10 @@ def add_band(
     """mean ± sd as a band without a legend entry; a line called `name` shows and hides it."""
     red, green, blue = rgb(color)
     figure.add_scatter(
-        x=np.concatenate([x, x[::-1]]).tolist(), y=np.concatenate([mean + sd, (mean - sd)[::-1]]).tolist(), fill="toself", mode="lines",
-        line={"width": 0}, fillcolor=f"rgba({red},{green},{blue},.14)", hoverinfo="skip", showlegend=False, legendgroup=name, **where,
+        x=np.concatenate([x, x[::-1]]).tolist(), y=np.concatenate([mean + sd, (mean - sd)[::-1]]).tolist(),
+        fill="toself", mode="lines",
+        line={"width": 0}, fillcolor=f"rgba({red},{green},{blue},.14)", hoverinfo="skip", showlegend=False,
+        legendgroup=name, **where,
     )  # fmt: skip
 
 

@@ -41,12 +41,17 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
         for name, scores in [*table.classes.items(), *([("mean", table.mean)] if len(table.classes) > 1 else [])]:
             middle = _at(scores.thresholds, scores.iou.mean, 0.05)
             rows.append({
-                "variant": part.label, "class": name, "AUC": scores.auc.mean, "AUC sd": scores.auc.sd, "IoU .05": middle,
-                "IoU .10": scores.iou.mean[-1], "PCK .10": scores.pck.mean[-1], "targets": scores.targets, "draws": scores.draws,
+                "variant": part.label, "class": name, "AUC": scores.auc.mean, "AUC sd": scores.auc.sd,
+                "IoU .05": middle,
+                "IoU .10": scores.iou.mean[-1], "PCK .10": scores.pck.mean[-1], "targets": scores.targets,
+                "draws": scores.draws,
             })  # fmt: skip
     for category in classes_of(parts[0]):
         lines = [(part.label, _drawn(part, category, params.draw)) for part in parts]
-        caption = "Shots with their annotated keypoints as rings; then targets, with predicted keypoints as discs, annotated ones as rings."
+        caption = (
+            "Shots with their annotated keypoints as rings; "
+            "then targets, with predicted keypoints as discs, annotated ones as rings."
+        )
         blocks.append(Pictures(category, caption, lines))
     return Result(
         "Keypoints predicted from a few annotated shapes", pd.DataFrame(rows),

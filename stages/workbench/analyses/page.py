@@ -36,11 +36,13 @@ def render_page(name: str, source: str, parts: list[Part], result: Result, paper
     environment = Environment(
         loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
+    kinds = result.table.dtypes
+    columns = [{"name": column, "number": kinds[column].kind in "fiu"} for column in result.table.columns]
     return environment.get_template("analysis.html").render(
         name=name, line=" · ".join(word for word in words if word), result=result, paper=paper, source=source,
-        columns=[{"name": column, "number": result.table[column].dtype.kind in "fiu"} for column in result.table.columns],
-        rows=cells(result.table),
-        blocks=[_block(block) for block in result.blocks], style=Markup(STYLE.read_text()), plotly=Markup(get_plotlyjs()) if charts else "",
+        columns=columns, rows=cells(result.table),
+        blocks=[_block(block) for block in result.blocks], style=Markup(STYLE.read_text()),
+        plotly=Markup(get_plotlyjs()) if charts else "",
         plasma=", ".join(f"rgb({r}, {g}, {b})" for r, g, b in PLASMA), version=version("b23d"),
         made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
     )  # fmt: skip

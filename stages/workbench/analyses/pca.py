@@ -53,5 +53,6 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
         blocks.append(Pictures(category, caption, lines))
     return Result(
         "Joint principal components", pd.DataFrame(rows),
-        "first, three: share of the variance that the first component, and the three that colours show, hold.", list(blocks),
+        "first, three: share of the variance that the first component, and the three that colours show, hold.",
+        list(blocks),
     )  # fmt: skip

@@ -77,13 +77,15 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
             each.append({"descriptor": part.label, "class": "mean", **means, "searches": sum(len(s) for _, s in found)})
         rows += each
         curves.append((part.label, np.mean([_curve(searched) for _, searched in found], axis=0)))
+    caption = f"Mean over classes; descriptors scaled {params.scale}, compared by Euclidean distance."
     return Result(
         "Semantic stability across shapes of a class", pd.DataFrame(rows),
-        "AUC: chance that a random point of the other shape is less like the keypoint than the same keypoint there is (.5: guessing); AUC "
-        "ids: the same against the other shape's other keypoints, but those that a symmetry exchanges; first 1 %: searches whose right "
-        "point is in the most similar hundredth of the surface; error: median distance of the most similar point from it, or from one that "
-        "a symmetry exchanges with it, longest sides.",
-        [Chart(_figure(curves), f"Mean over classes; descriptors scaled {params.scale}, compared by Euclidean distance.")],
+        "AUC: chance that a random point of the other shape is less like the keypoint than the same keypoint there is "
+        "(.5: guessing); AUC ids: the same against the other shape's other keypoints, but those that a symmetry "
+        "exchanges; first 1 %: searches whose right point is in the most similar hundredth of the surface; error: "
+        "median distance of the most similar point from it, or from one that a symmetry exchanges with it, longest "
+        "sides.",
+        [Chart(_figure(curves), caption)],
     )  # fmt: skip
 
 
@@ -142,8 +144,10 @@ def _distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _row(label: str, category: str, searched: pd.DataFrame) -> dict[str, object]:
     return {
-        "descriptor": label, "class": category, "AUC": 1 - searched["points"].mean(), "AUC sd": searched["points"].std(),
-        "AUC ids": 1 - searched["ids"].mean(), "first 1 %": float((searched["points"] <= 0.01).mean()), "error": searched["error"].median(),
+        "descriptor": label, "class": category, "AUC": 1 - searched["points"].mean(),
+        "AUC sd": searched["points"].std(),
+        "AUC ids": 1 - searched["ids"].mean(), "first 1 %": float((searched["points"] <= 0.01).mean()),
+        "error": searched["error"].median(),
         "searches": len(searched),
     }  # fmt: skip
 

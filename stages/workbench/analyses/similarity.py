@@ -67,13 +67,20 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
         "as between two random points of the shape, or more",
     )
     lines = [(label, [image for pair in pairs for image in _drawn(pair)]) for label, pairs in found]
-    caption = "Each shape is coloured by how much its points' descriptors differ from those of the corresponding points of the other."
+    caption = (
+        "Each shape is coloured by how much its points' descriptors differ "
+        "from those of the corresponding points of the other."
+    )
     return Result(
         "Descriptors of corresponding points", pd.DataFrame(rows),
-        "difference: mean Euclidean distance between a point's descriptors on the two shapes, over the median distance between those of "
-        "two random points of the reference: 0 if the descriptor does not tell the shapes apart there, 1 if it changes as much as from "
-        "one place to any other; cosine: mean cosine similarity; zones: by the distance from what was changed, in longest sides.",
-        [Pictures("Where descriptors change", caption, lines, scale), Chart(_figure(found), "Mean ± one standard deviation over points.")],
+        "difference: mean Euclidean distance between a point's descriptors on the two shapes, over the median "
+        "distance between those of two random points of the reference: 0 if the descriptor does not tell the shapes "
+        "apart there, 1 if it changes as much as from one place to any other; cosine: mean cosine similarity; zones: "
+        "by the distance from what was changed, in longest sides.",
+        [
+            Pictures("Where descriptors change", caption, lines, scale),
+            Chart(_figure(found), "Mean ± one standard deviation over points."),
+        ],
     )  # fmt: skip
 
 
@@ -85,7 +92,8 @@ def _pairs(part: Part, params: Parameters) -> list[Pair]:
         if len(shapes) < 2 or params.reference not in (None, *ids):
             wanted = f"the reference {params.reference!r} and another" if params.reference else "two shapes"
             raise ValueError(
-                f"{category}: expected {wanted} to compare, got {', '.join(ids) or 'none'}; see what failed with b23d run"
+                f"{category}: expected {wanted} to compare, got {', '.join(ids) or 'none'}; "
+                "see what failed with b23d run"
             )
         at = ids.index(params.reference) if params.reference else 0
         _, first, expected = shapes[at]
@@ -104,7 +112,8 @@ def _pair(
     first, second = shapes
     if len(first.points) != len(second.points) or first.candidates != "cloud" or second.candidates != "cloud":
         raise ValueError(
-            f"{names[1]}: expected a cloud whose points correspond to those of {names[0]}, got {len(second.points)} candidates "
+            f"{names[1]}: expected a cloud whose points correspond to those of {names[0]}, "
+            f"got {len(second.points)} candidates "
             f'({second.candidates}); give both a cloud, as the data set "pairs" does'
         )
     there = first.to_unit(
@@ -136,7 +145,8 @@ def _rows(label: str, pair: Pair, zones: list[float]) -> list[dict[str, object]]
         if chosen.any():
             difference, alike = pair.difference[chosen], pair.cosine[chosen]
             rows.append({
-                "pair": pair.name, "descriptor": label, "zone": zone, "difference": difference.mean(), "difference sd": difference.std(),
+                "pair": pair.name, "descriptor": label, "zone": zone, "difference": difference.mean(),
+                "difference sd": difference.std(),
                 "cosine": alike.mean(), "cosine sd": alike.std(), "points": int(chosen.sum()),
             })  # fmt: skip
     return rows
@@ -160,8 +170,10 @@ def _figure(found: list[tuple[str, list[Pair]]]) -> go.Figure:
             x, mean, sd = _binned(pair)
             add_band(figure, x, mean, sd, label, color, row=1, col=column)
             figure.add_scatter(
-                x=x.tolist(), y=mean.tolist(), name=label, legendgroup=label, showlegend=column == 1, mode="lines+markers",
-                line={"color": color, "width": 2.5, "dash": DASHES[place % len(DASHES)]}, marker={"size": 6}, row=1, col=column,
+                x=x.tolist(), y=mean.tolist(), name=label, legendgroup=label, showlegend=column == 1,
+                mode="lines+markers",
+                line={"color": color, "width": 2.5, "dash": DASHES[place % len(DASHES)]}, marker={"size": 6}, row=1,
+                col=column,
                 hovertemplate="%{x:.2f}: %{y:.3f}<extra>" + label + "</extra>",
             )  # fmt: skip
     figure.update_xaxes(rangemode="tozero")

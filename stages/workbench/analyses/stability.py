@@ -74,15 +74,18 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
         )
     if not all(isinstance(part.value, int | float) for part in parts):
         raise ValueError(
-            f"stability: expected a sweep over a number of a stage, got {reference.series}; compare others with [variants]"
+            f"stability: expected a sweep over a number of a stage, got {reference.series}; "
+            "compare others with [variants]"
         )
     axis = AXES.get(reference.series, Axis(reference.series, reference.series.split(".")[-1]))
     rows = [{"x": axis.of(part.value), **_compared(part, reference)} for part in parts]
     table = pd.DataFrame(rows).sort_values("x", ignore_index=True).rename(columns={"x": axis.column})
     return Result(
         f"Feature stability: {axis.title.split(',')[0]}", table,
-        "cosine: mean cosine similarity of a point's feature with its feature at the reference, over all points that views see in both, of "
-        "all shapes; sd: standard deviation over these; 5 %: a twentieth of them is below; centred: the same after the shape's mean "
+        "cosine: mean cosine similarity of a point's feature with its feature at the reference, "
+        "over all points that views see in both, of "
+        "all shapes; sd: standard deviation over these; 5 %: a twentieth of them is below; "
+        "centred: the same after the shape's mean "
         "feature is taken away, which its points share; least shape: the lowest mean of one; seen: share compared.",
         [Chart(_figure(table, axis, axis.of(params.reference)), _caption(reference, params))],
     )  # fmt: skip
@@ -97,7 +100,8 @@ def _compared(part: Part, reference: Part) -> dict[str, float]:
             continue
         if found.features.shape != expected.features.shape:
             raise ValueError(
-                f"{entry.shape.name}: expected features {expected.features.shape} as in the reference, got {found.features.shape} "
+                f"{entry.shape.name}: expected features {expected.features.shape} as in the reference, "
+                f"got {found.features.shape} "
                 f"for {part.label}; sweep what leaves candidates and encoder as they are"
             )
         both = found.observed & expected.observed
@@ -112,7 +116,8 @@ def _compared(part: Part, reference: Part) -> dict[str, float]:
         )
     every, rest = np.concatenate(plain), np.concatenate(without)
     return {
-        "cosine": every.mean(), "sd": every.std(), "5 %": float(np.percentile(every, 5)), "centred": rest.mean(), "centred sd": rest.std(),
+        "cosine": every.mean(), "sd": every.std(), "5 %": float(np.percentile(every, 5)), "centred": rest.mean(),
+        "centred sd": rest.std(),
         "least shape": min(float(each.mean()) for each in plain), "seen": float(np.mean(seen)), "shapes": len(plain),
     }  # fmt: skip
 
@@ -125,7 +130,8 @@ def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
     ):  # fmt: skip
         add_band(figure, x, table[name].to_numpy(), table[sd].to_numpy(), name, color)
         figure.add_scatter(
-            x=x.tolist(), y=table[name].tolist(), name=f"{title}, mean ± sd", mode="lines+markers", legendgroup=name, marker={"size": 7},
+            x=x.tolist(), y=table[name].tolist(), name=f"{title}, mean ± sd", mode="lines+markers", legendgroup=name,
+            marker={"size": 7},
             line={"color": color, "width": 2.5, "dash": dash}, customdata=table[sd].tolist(),
             hovertemplate="%{x:.4g}: %{y:.4f} ± %{customdata:.4f}<extra>" + title + "</extra>",
         )  # fmt: skip
@@ -148,4 +154,5 @@ def _caption(reference: Part, params: Parameters) -> str:
     entries = list(reference.described())
     shapes, points = len(entries), sum(len(features.observed) for _, _, features in entries)
     smoothed = "smoothed" if params.features == "reweight" else "as the views give them"
-    return f"{shapes} shapes, {points:,} points; features of {entries[0][2].descriptor}, {smoothed}. Bands: ± one standard deviation."
+    what = f"{shapes} shapes, {points:,} points; features of {entries[0][2].descriptor}, {smoothed}"
+    return f"{what}. Bands: ± one standard deviation."

@@ -175,7 +175,8 @@ def own_file(dataset: Dataset) -> Path:
     if dataset.kind != "folder":
         why = REASONS.get(dataset.kind, "its annotations are not a file of ours")
         raise ValueError(
-            f"annotate: expected a data set of kind folder to write to, got {dataset.kind}: {why}; give another file with --keypoints FILE"
+            f"annotate: expected a data set of kind folder to write to, got {dataset.kind}: {why}; "
+            "give another file with --keypoints FILE"
         )
     path: Path | None = dataset.keypoints  # type: ignore[attr-defined]
     root: Path = dataset.root  # type: ignore[attr-defined]

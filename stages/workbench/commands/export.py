@@ -5,7 +5,7 @@
 | NormalizedShape | the mesh or cloud with its colours (glb: with its texture) | a picture | |
 | PointFeatures | candidates in PCA colours fitted on the class; scalars `count`, `observed` | the same | |
 | GeodesicDistances | candidates coloured by their distance from candidate 0; scalar `distance` | the same | |
-| Prediction | the shape, predicted keypoints as coloured spheres, annotated ones as small black ones | discs, rings | all of the run |
+| Prediction | the shape; keypoints as spheres, annotated ones small and black | discs, rings | all of the run |
 | Views | | contact sheet | |
 | ViewTokens | | contact sheet in PCA colours | |
 | ShapeScore | | | all of the run |
@@ -174,4 +174,5 @@ def _refusal(suffix: str, stage: str, artifact: Artifact) -> str:
         "png": "views, tokens, geometry, features, distances or a prediction",
         "parquet": "a prediction or a score",
     }
-    return f".{suffix} export: expected {takes.get(suffix, takes['ply'])}, got {type(artifact).__name__} from {stage}; write it as .npz"
+    expected = takes.get(suffix, takes["ply"])
+    return f".{suffix} export: expected {expected}, got {type(artifact).__name__} from {stage}; write it as .npz"

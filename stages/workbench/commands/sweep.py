@@ -57,7 +57,8 @@ def sweep(
     listed = members(config)
     if not listed:
         raise RunFileError(
-            f"run file {run}: expected a [sweep] or [variants] table, got none; add one, or --set 'sweep={{\"a.b\" = [1, 2]}}'"
+            f"run file {run}: expected a [sweep] or [variants] table, got none; "
+            f"add one, or --set 'sweep={{\"a.b\" = [1, 2]}}'"
         )
     chosen = choose(listed, only, without)
     for place, member in enumerate(chosen, 1):

@@ -61,7 +61,8 @@ def render_comparison(config: Config, comparison: Comparison) -> str:
         name=config.file.name, groups=groups, source=B2_3D.source, protocol=_protocol(shown), comparison=comparison,
         line=f"{config.dataset.kind} · {few(shots)} · {len(shown)} of {len(comparison.systems)} systems",
         unsaid=[statement for statement in STATEMENTS if statement not in said], systems=comparison.systems,
-        style=Markup(_static("report.css")), theme_script=Markup(_static("theme.js")), script=Markup(_static("comparison.js")),
+        style=Markup(_static("report.css")), theme_script=Markup(_static("theme.js")),
+        script=Markup(_static("comparison.js")),
         plotly=Markup(get_plotlyjs()) if data["figures"] else "", data=Markup(as_json(data)), version=version("b23d"),
         made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()), file=config.path.name,
         overrides="".join(f", --set {text}" for text in config.overrides),
@@ -101,7 +102,8 @@ def part_lines(systems: list[System]) -> dict[str, Any]:
     classes = sorted({name for table in tables for name in table.classes}) or list(PART_CLASSES)
     lines: list[dict[str, Any]] = [
         {
-            "name": system.name, "note": system.note, "reason": system.reason, "says": [], "seconds": brief(system.seconds),
+            "name": system.name, "note": system.note, "reason": system.reason, "says": [],
+            "seconds": brief(system.seconds),
             "cells": [] if system.parts is None else _part_cells(system.parts, classes),
         }
         for system in systems

@@ -191,7 +191,8 @@ def _alike(reference: System, systems: list[System]) -> bool:
 def _plain(system: System) -> dict[str, Any]:
     scores, parts = system.scores, system.parts
     return {
-        "system": system.name, "group": system.group, "kind": system.kind, "changes": system.changes, "seconds": system.seconds,
+        "system": system.name, "group": system.group, "kind": system.kind, "changes": system.changes,
+        "seconds": system.seconds,
         "reason": system.reason, "note": system.note, "scores": scores and scores.model_dump(mode="json"),
         "parts": parts and parts.model_dump(mode="json"),
     }  # fmt: skip
