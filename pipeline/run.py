@@ -18,10 +18,11 @@ from b23d.pipeline.address import canonical_json, sha256
 from b23d.pipeline.config import Config, feeding, load_config
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
+from b23d.pipeline.frontier import Frontier
 from b23d.pipeline.index import Failure, Index
 from b23d.pipeline.members import SUFFIX
 from b23d.pipeline.plan import Node, Plan, State, make_plan
-from b23d.pipeline.scheduler import DaskExecutor, Executor, Frontier, InlineExecutor
+from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
 from b23d.pipeline.store import Store
 from b23d.pipeline.tasks import Outcome, Task, make_task
 from b23d.schemas.artifact import Artifact

@@ -28,8 +28,8 @@ WORKBENCH = {
 }
 ONLY = {
     "zarr": {"pipeline/store.py"},
-    "dask": {"pipeline/scheduler.py"},
-    "distributed": {"pipeline/scheduler.py"},
+    "dask": {"pipeline/scheduler.py", "pipeline/cluster.py"},
+    "distributed": {"pipeline/scheduler.py", "pipeline/cluster.py"},
 }
 
 

@@ -1,0 +1,65 @@
+"""Frontier: which tasks of a plan are ready, deepest stage first, so that a data set is finished shape by shape."""
+
+from __future__ import annotations
+
+import heapq
+from collections import defaultdict
+from collections.abc import Iterator
+
+from b23d.pipeline.plan import LeafNode, Node, Plan, State
+
+
+class Frontier:
+    """Which nodes are ready: all they need is stored. Deepest stage first, then in order."""
+
+    def __init__(self, plan: Plan) -> None:
+        depth = {stage: index for index, stage in enumerate(plan.stages)}
+        self._key = {(n.stage, n.address): (-depth[n.stage], order) for order, n in enumerate(plan.nodes.values())}
+        self._waiting: dict[tuple[str, str], int] = {}
+        self._below: dict[tuple[str, str], list[Node]] = defaultdict(list)
+        self._ready: list[tuple[tuple[int, int], Node]] = []
+        self._blocked: set[tuple[str, str]] = set()
+        for node in plan.to_run():
+            above = set(_needed(node))
+            self._waiting[node.stage, node.address] = len(above)
+            for key in above:
+                self._below[key].append(node)
+            if not above:
+                self._push(node)
+
+    def pop(self) -> Node | None:
+        return heapq.heappop(self._ready)[1] if self._ready else None
+
+    def done(self, stage: str, address: str) -> None:
+        for node in self._below.pop((stage, address), []):
+            key = (node.stage, node.address)
+            self._waiting[key] -= 1
+            if self._waiting[key] == 0 and key not in self._blocked:
+                self._push(node)
+
+    def failed(self, stage: str, address: str) -> list[Node]:
+        """Everything below, which is now blocked."""
+        lost: list[Node] = []
+        stack = self._below.pop((stage, address), [])
+        while stack:
+            node = stack.pop()
+            key = (node.stage, node.address)
+            if key not in self._blocked:
+                self._blocked.add(key)
+                lost.append(node)
+                stack += self._below.pop(key, [])
+        return lost
+
+    def _push(self, node: Node) -> None:
+        heapq.heappush(self._ready, (self._key[node.stage, node.address], node))
+
+
+def _needed(node: Node) -> Iterator[tuple[str, str]]:
+    """Stored artifacts that must exist before this node can run, looking through transient stages."""
+    for above in node.upstream():
+        if isinstance(above, LeafNode) or above.state is State.CACHED:
+            continue
+        if above.state is State.TRANSIENT:
+            yield from _needed(above)
+        else:
+            yield above.stage, above.address

@@ -1,0 +1,67 @@
+"""The cluster a run makes: who can reach it, and what its workers' environment is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import dask
+import distributed  # noqa: F401 its settings must be there before they are changed
+import numpy as np
+import psutil
+
+from b23d.pipeline.run import Run
+from b23d.pipeline.stage import stage
+from b23d.schemas.params import Params
+from tests.toy import Numbers, make_toy
+
+ENVIRON = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+MALLOC = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_")
+
+
+class EnvironmentParams(Params):
+    """Of this module, so that workers import it."""
+
+
+@stage(version=1)
+def environment(numbers: Numbers, params: EnvironmentParams) -> Numbers:
+    """Threads of BLAS, thresholds of malloc, as this process has them."""
+    return Numbers(values=np.array([float(os.environ.get(name, "-1")) for name in (*ENVIRON, *MALLOC)]))
+
+
+def sockets() -> set[tuple[int, str]]:
+    """(process, address) of every internet socket on which this process tree listens."""
+    here = psutil.Process()
+    return {
+        (process.pid, connection.laddr.ip)
+        for process in [here, *here.children(recursive=True)]
+        for connection in process.net_connections(kind="inet")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def test_nobody_outside_this_machine_reaches_a_local_cluster(tmp_path: Path) -> None:
+    """Not the scheduler, not the dashboard, no nanny, no worker's RPC or HTTP, whatever the user's dask settings."""
+    before, seen = sockets(), set[tuple[int, str]]()
+
+    def watch(*_: Any) -> None:
+        seen.update(sockets() - before)
+
+    path = make_toy(tmp_path)
+    with dask.config.set({"distributed.comm.require-encryption": True}):
+        report = Run.load(path, ['outputs=["environment"]']).execute(workers=2, watch=watch)
+    assert report.ok
+    assert len({process for process, _ in seen}) >= 3, "this process and two workers listen"
+    assert {address for _, address in seen} == {"127.0.0.1"}
+
+
+def test_workers_have_one_thread_and_keep_their_memory(tmp_path: Path) -> None:
+    """What a process of this run is given does not stay in the user's own."""
+    before = dict(os.environ)
+    run = Run.load(make_toy(tmp_path), ['outputs=["environment"]'])
+    assert run.execute(workers=1).ok
+    for _, _, artifact in run.collect("environment"):
+        assert isinstance(artifact, Numbers)
+        np.testing.assert_array_equal(artifact.values, [1, 1, 1, 2**30, 2**30])
+    assert dict(os.environ) == before
