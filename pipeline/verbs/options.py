@@ -1,0 +1,17 @@
+"""Arguments and options that several verbs take, each declared once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)]
+Set = Annotated[
+    list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
+]
+StoreUrl = Annotated[str | None, typer.Option("--store", metavar="PATH|URL", help="Another store than the run file's.")]
+Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")]
+Json = Annotated[bool, typer.Option("--json", help="Machine-readable.")]
+Draw = Annotated[int | None, typer.Option("--draw", help="Which draw of shots; default: the first that has it.")]

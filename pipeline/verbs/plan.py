@@ -1,0 +1,54 @@
+"""`b23d plan`."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from b23d.pipeline.verbs.options import Json, Limit, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.terminal import console
+
+SHOWN = 12  # problems that are printed
+
+
+def plan(
+    run: RunPath,
+    set: Set = [],
+    store: StoreUrl = None,
+    limit: Limit = None,
+    as_json: Json = False,
+    exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
+) -> None:
+    """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
+    from b23d.pipeline.projection import project
+    from b23d.pipeline.run import Run
+
+    loaded = Run.load(run, set, store)
+    planned = loaded.plan(limit)
+    stages = project(loaded, planned)
+    if as_json:
+        print(json.dumps({"stages": stages, "problems": [problem.error for problem in planned.problems]}, indent=1))
+    else:
+        table = Table(title=f"plan of {loaded.name}", title_justify="left")
+        for column in ("stage", "RUN", "CACHED", "BLOCKED", "MB", "CPU s"):
+            table.add_column(column, justify="left" if column == "stage" else "right")
+        for stage, row in stages.items():
+            name = f"{stage} [dim](transient)[/]" if row["transient"] else stage
+            counts = [str(row[key]) if row[key] else "·" for key in ("run", "cached", "blocked")]
+            table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
+        console.print(table)
+        console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
+        for problem in planned.problems[:SHOWN]:
+            console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
+        if len(planned.problems) > SHOWN:
+            console.print(f"… and {len(planned.problems) - SHOWN} more problems", highlight=False)
+    if exit_code and any(row["run"] or row["blocked"] for row in stages.values()):
+        raise typer.Exit(1)
+
+
+def _round(value: float | None, unit: float) -> str:
+    return "?" if value is None else f"{value / unit:,.1f}" if value else "·"

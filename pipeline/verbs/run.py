@@ -1,0 +1,50 @@
+"""`b23d run`."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from b23d.pipeline.verbs.options import Limit, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.terminal import console, debug
+
+
+def run(
+    run: RunPath,
+    set: Set = [],
+    workers: Annotated[
+        int | None, typer.Option(min=0, help="Worker processes; 0: run in this process. Default: one a core.")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(metavar="URL", help="An existing dask cluster, tcp://…")] = None,
+    store: StoreUrl = None,
+    limit: Limit = None,
+) -> None:
+    """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
+    from b23d.pipeline.progress import RunProgress, stage_table
+    from b23d.pipeline.run import Run
+
+    loaded = Run.load(run, set, store)
+    with RunProgress(console) as progress:
+        report = loaded.execute(workers, scheduler, limit, progress.watch, progress.start)
+    if report.done:
+        console.print(stage_table(report))
+    else:
+        console.print(
+            f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False
+        )
+    for hook in entry_points(group="b23d.after_run"):
+        hook.load()(loaded, report, console)
+    if not report.ok:
+        counts = f"[red]{len(report.failures)} failed, {report.blocked} blocked behind them[/]"
+        console.print(f"{counts}; the rest is done. The next run retries only these:", highlight=False)
+        for failure in report.failures:
+            console.print(f"  [red]✗[/] {failure.stage}: {escape(failure.error)}", highlight=False, soft_wrap=True)
+            if debug.on and failure.traceback:
+                console.print(escape(failure.traceback), highlight=False)
+        raise typer.Exit(1)
+    console.print(
+        f"[dim]{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}[/]", highlight=False
+    )
