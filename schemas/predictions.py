@@ -22,6 +22,11 @@ class Prediction(Artifact):
     predictions."""
     costs: Annotated[np.ndarray, ArraySpec("k", "float32", unit="objective; lower is better")]
     """Each keypoint's share of the objective."""
+    confidence: Annotated[np.ndarray, ArraySpec("k", "float32", unit="0 … 1")] | None = None
+    """How sure the method is of each place, needing no annotation: the posterior's expected hit, a head's probability.
+
+    None for methods that give none. Comparable between shapes of one run, not between methods.
+    """
     objective: float
     """Value reached of the method's objective L_feature + α L_distance, comparable between methods on equal inputs."""
     method: str

@@ -21,7 +21,7 @@ class ApplyHeadParams(Params):
     id its best."""
 
 
-@stage(version=1, hints=Hints(memory_gb=0.5))
+@stage(version=2, hints=Hints(memory_gb=0.5))
 def apply_head(
     normalize: NormalizedShape,
     reweight: PointFeatures,
@@ -56,6 +56,7 @@ def apply_head(
         positions=normalize.points[chosen],
         present=peaks >= train_head.threshold,
         costs=costs.astype(np.float32),
+        confidence=peaks.astype(np.float32),
         objective=float(costs.sum()),
         method="head",
         shots=train_head.shots,

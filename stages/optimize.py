@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from b23d.stages.solvers.posterior.predicting import Found
 
 
-@stage(version=2, hints=Hints(memory_gb=0.5))
+@stage(version=3, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,
@@ -61,6 +61,7 @@ def optimize(
         positions=points[choice],
         present=present,
         costs=costs.astype(np.float32),
+        confidence=None if found is None else found.hits.astype(np.float32),
         objective=float(objective(problem, choice)),
         method=params.method,
         shots=template.shots,

@@ -185,3 +185,14 @@ def test_what_shots_and_target_show_is_present(presence: str) -> None:
     shots = [box_cloud(i) for i in range(3)]
     found = run(box_cloud(7), shots, presence=presence)
     assert found.present.all()
+
+
+def test_confidence_is_that_of_the_place() -> None:
+    """A shot found on itself is surer than a class member; other methods claim none."""
+    shots = [box_cloud(0), box_cloud(1), box_cloud(2)]
+    itself, other = run(shots[0], shots), run(box_cloud(3), shots)
+    for found in (itself, other):
+        assert found.confidence is not None and (found.confidence >= 0).all() and (found.confidence <= 1 + 1e-5).all()
+    assert itself.confidence is not None and other.confidence is not None
+    assert itself.confidence.mean() > other.confidence.mean()
+    assert run(shots[0], shots, method="nearest").confidence is None
