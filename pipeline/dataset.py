@@ -33,6 +33,11 @@ class Leaf:
     """Merged into `values` for `load` only: what should be recorded but must not change an address (a file's hash, a
     name)."""
 
+    def read(self) -> Artifact:
+        """What the leaf holds. Raises OSError where a file cannot be read, ValueError where `load` refuses it."""
+        files = {name: path.read_bytes() for name, path in self.files.items()}
+        return self.load(files, {**self.values, **self.context})
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -64,6 +69,23 @@ class Dataset(Params):
         Raises FileNotFoundError or ValueError where the data set as a whole cannot be used.
         """
         raise NotImplementedError
+
+    def annotation_file(self, category: str) -> Path | None:
+        """The JSON file that the keypoints of a class are read from, whether it is there yet or not; None: no such
+        file."""
+        return None
+
+    def annotations_kept(self) -> str:
+        """Why `annotation_file` must not be written by hand; "" where it may."""
+        return "its annotations are not a file of ours"
+
+    def class_ids(self, category: str) -> set[str]:
+        """What entries of an annotation file may call the class."""
+        return {category}
+
+    def unannotated(self) -> str:
+        """What to tell where no shape is annotated: where annotations are looked for, and what lies elsewhere."""
+        return "annotations: expected some, got none; annotate shapes, or ask for stages that need none in `outputs`"
 
 
 DATASETS: dict[str, type[Dataset]] = {}

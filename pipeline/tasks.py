@@ -150,10 +150,7 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
             schema = next(i.schema for i in stage.inputs if i.name == name)
             return _read(store, item, schema)
         if isinstance(item, Loaded):
-            leaf = item.leaf
-            return leaf.load(
-                {file: path.read_bytes() for file, path in leaf.files.items()}, {**leaf.values, **leaf.context}
-            )
+            return item.leaf.read()
         if item.address not in made:
             made[item.address] = _compute(item, store, clock, made)
         return made[item.address]

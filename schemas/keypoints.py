@@ -22,5 +22,8 @@ class Keypoints(Artifact):
     in the keypoint list, not ids; they are turned into ids on loading.)"""
     rotations: list[tuple[int, ...]] = []
     """Ids that a rotational symmetry of the shape exchanges."""
+    names: dict[int, str] = {}
+    """Semantic id → name, for ids that the annotation names. For people's eyes alone: never part of any address.
+    `b23d.stages.datasets.names.keypoint_names` gives those of a whole class."""
     annotation_file: str = ""
     """sha256 of the file the annotation came from; recorded with scores, not part of any address."""

@@ -200,8 +200,10 @@ def test_data_sets_list_the_files_once_and_name_what_is_missing(tmp_path: Path) 
     ] == [["external.npz"], ["external.txt"], []]
     assert all("external_features" not in s.leaves for s in shapes)
     (out / "b1.csv").write_text("0,0,0")
-    with pytest.raises(ValueError, match=r"expected one file for b1, got b1\.csv and b1\.txt"):
-        Folder(root=tmp_path / "shapes", external_predictions=out).shapes()
+    shapes = Folder(root=tmp_path / "shapes", external_predictions=out).shapes()
+    with pytest.raises(ValueError, match=r"box/b1: .*expected one file for b1, got b1\.csv and b1\.txt"):
+        shapes[1].leaves["external_predictions"].read()
+    assert shapes[1].error is None, "it loses nothing else"
 
 
 def test_keypointnet_has_them_too(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -58,10 +59,11 @@ def test_image_names_behind_options() -> None:
 
 def test_two_files_for_one_shape_name_both(tmp_path: Path) -> None:
     root = put(tmp_path, {"chair/a.obj": b"v", "chair/deep/a.stl": b"s"})
-    with pytest.raises(
-        ValueError, match=r"chair/a: expected one mesh, got .*a\.obj and .*a\.stl; rename one, .*dataset.pattern"
-    ):
-        Folder(root=root).shapes()
+    (shape,) = Folder(root=root).shapes()
+    assert shape.name == "chair/a" and shape.error is not None
+    assert re.match(
+        r"chair/a: expected one mesh, got .*a\.obj and .*a\.stl; rename one, .*dataset.pattern", shape.error
+    )
     assert list(by_name(Folder(root=root, pattern="*.obj").shapes())) == ["chair/a"]
 
 
@@ -125,4 +127,6 @@ def test_links_are_followed_once(tmp_path: Path) -> None:
     put(tmp_path / "away", {"b.obj": b"v"})
     (root / "table").symlink_to(tmp_path / "away")
     (tmp_path / "away" / "loop").symlink_to(root / "table")
-    assert list(by_name(Folder(root=root).shapes())) == ["chair/a", "table/b"]
+    shapes = by_name(Folder(root=root).shapes())
+    assert list(shapes) == ["chair/a", "table/b", "table/loop"]
+    assert shapes["table/loop"].error and "got a link back" in shapes["table/loop"].error

@@ -108,4 +108,6 @@ def test_what_is_not_there_is_said(tmp_path: Path) -> None:
         ShapeNetPart(root=root, classes=["Mug", "Airplane"]).shapes()
     put(root, {"synsetoffset2category.txt": "Teapot\t03642806\n"})
     with pytest.raises(ValueError, match=r"expected classes among Airplane, .* got Teapot"):
-        ShapeNetPart(root=root).shapes()
+        ShapeNetPart(root=root, classes=["Teapot"]).shapes()
+    (teapots,) = ShapeNetPart(root=root).shapes()
+    assert teapots.category == "Teapot" and "got Teapot" in str(teapots.error)

@@ -10,6 +10,8 @@ Where all files lie in `<root>` itself, the category is its name.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Collection
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any, Literal
@@ -17,14 +19,19 @@ from typing import Any, Literal
 from pydantic import Field
 
 from b23d.pipeline.dataset import Leaf, Shape, dataset
-from b23d.stages.datasets.annotations import AnnotationFile
+from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated
 from b23d.stages.datasets.external import WithExternals
-from b23d.stages.datasets.files import Companions, has_faces, uncollected, walk
+from b23d.stages.datasets.files import IMAGES, Companions, has_faces, uncollected
 from b23d.stages.datasets.sources import source_leaf
+from b23d.stages.datasets.walking import Listing, encodable, walk
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
 
 Key = tuple[str, str]
 """Category and id."""
+NO_SHAPES = "(no shapes)"
+"""Stands for the shapes of a class that has none."""
+BESIDE = (*IMAGES, ".mtl", ".bin")
+"""What a folder without shapes may hold for the shapes elsewhere."""
 
 
 @dataset("folder")
@@ -48,46 +55,112 @@ class Folder(WithExternals):
 
     @uncollected()
     def shapes(self) -> list[Shape]:
-        """All shapes, sorted by name; entries of the annotation file without a file are shapes with an error.
+        """All shapes, sorted by name. What cannot be used is a shape with an error: entries of the annotation file
+        without a file, two files for one shape, pipes, links to nothing, folders that cannot be read, classes without
+        shapes.
 
-        Raises FileNotFoundError (no such root, no geometry below it, no such annotation file) and ValueError (two files
-        for one shape, unreadable annotations).
+        Raises FileNotFoundError (no such root, no geometry below it, no such annotation file).
         """
         if not self.root.is_dir():
             raise FileNotFoundError(f"folder: expected a folder {self.root}, got none; set dataset.root")
-        files = walk(self.root)
-        found = self._found({path: place for path, place in files.items() if fnmatch(place, self.pattern)})
-        if not found:
+        listing = walk(self.root)
+        found, errors = self._found(listing.files)
+        if not found and not errors and not any(map(self._key, listing.strange)):
             formats = " ".join((*MESH_SUFFIXES, *CLOUD_SUFFIXES))
             raise FileNotFoundError(
                 f"folder: expected files like {self.pattern} of {formats} below {self.root}, got none; "
                 "set dataset.root or dataset.pattern"
             )
-        keypoints, errors = self._annotations(found)
-        companions, externals = Companions(files), self.externals()
+        keypoints, wrong = self._annotations(found)
+        errors |= wrong
+        companions, externals = Companions(listing.files), self.externals()
         shapes = [Shape(key[1], key[0], {}, None, error) for key, error in errors.items() if key not in found]
         for key, roles in found.items():
-            name = "/".join(key)
-            mesh = roles.get("mesh")
-            leaves = {"source": source_leaf(name, mesh, roles.get("cloud"), companions.of(mesh) if mesh else None)}
+            leaves: dict[str, Leaf] = {}
+            error = errors.get(key)
+            try:
+                mesh = roles.get("mesh")
+                beside = companions.of(mesh) if mesh else None
+                leaves["source"] = source_leaf("/".join(key), mesh, roles.get("cloud"), beside)
+            except (OSError, ValueError, RecursionError) as problem:
+                error = error or f"{'/'.join(key)}: {type(problem).__name__}: {problem}; mend or remove its file"
             if key in keypoints:
                 leaves["keypoints"] = keypoints[key]
             leaves |= externals.leaves(*key)
-            shapes.append(Shape(key[1], key[0], leaves, None, errors.get(key)))
-        return sorted(shapes, key=lambda shape: shape.name)
+            shapes.append(Shape(key[1], key[0], leaves, None, error))
+        return sorted([*shapes, *self._set_aside(listing, found, errors)], key=lambda shape: shape.name)
 
-    def _found(self, files: dict[str, str]) -> dict[Key, dict[str, str]]:
-        """The mesh and the cloud of each shape, from all files (path → place below the root)."""
-        flat = self.root.resolve().name or "shapes"
+    def annotation_file(self, category: str = "") -> Path:
+        return self.keypoints if self.keypoints is not None else self.root / "keypoints.json"
+
+    def annotations_kept(self) -> str:
+        return ""
+
+    def unannotated(self) -> str:
+        looked = f"annotations: expected keypoints in {self.annotation_file()}, got "
+        if not self.annotation_file().is_file():
+            near = [str(self.root.parent / "keypoints.json"), *walk(self.root).files]
+            elsewhere = [path for path in near if path.lower().endswith(".json") and looks_annotated(path)][:3]
+            if elsewhere:
+                return f"{looked}no such file, but {' and '.join(elsewhere)}; move it there, or set dataset.keypoints"
+            return f"{looked}no such file; annotate shapes with `b23d annotate`, or set dataset.keypoints"
+        return f"{looked}none of a shape that is here; annotate shapes with `b23d annotate`"
+
+    def _found(self, files: dict[str, str]) -> tuple[dict[Key, dict[str, str]], dict[Key, str]]:
+        """The mesh and the cloud of each shape, from all files (path → place below the root), and what is wrong."""
         by_shape: dict[Key, list[str]] = {}
         for path, place in files.items():
-            stem, dot, suffix = place.rpartition("/")[2].rpartition(".")
-            if dot and f".{suffix.lower()}" in MESH_SUFFIXES + CLOUD_SUFFIXES:
-                folders = place.split("/")[:-1]
-                category = self.category or (folders[0] if folders else flat)
-                below = folders if self.category else folders[1:]
-                by_shape.setdefault((category, below[0] if self.id == "folder" and below else stem), []).append(path)
-        return {key: self._roles("/".join(key), sorted(paths)) for key, paths in by_shape.items()}
+            if (key := self._key(place)) is not None:
+                by_shape.setdefault(key, []).append(path)
+        found: dict[Key, dict[str, str]] = {}
+        errors: dict[Key, str] = {}
+        for key, paths in by_shape.items():
+            try:
+                found[key] = self._roles("/".join(key), sorted(paths))
+            except (OSError, ValueError) as error:
+                errors[key] = str(error)
+        return found, errors
+
+    def _key(self, place: str) -> Key | None:
+        """The shape that a file (by its place below the root) is of; None where it is no geometry of ours."""
+        *folders, file = place.split("/")
+        stem, dot, suffix = file.rpartition(".")
+        if not dot or f".{suffix.lower()}" not in MESH_SUFFIXES + CLOUD_SUFFIXES or not fnmatch(place, self.pattern):
+            return None
+        category = self.category or (folders[0] if folders else self._flat())
+        below = folders if self.category else folders[1:]
+        return category, below[0] if self.id == "folder" and below else stem
+
+    def _flat(self) -> str:
+        """The class of what lies right in the root."""
+        return self.root.resolve().name or "shapes"
+
+    def _set_aside(self, listing: Listing, found: Collection[Key], errors: Collection[Key]) -> list[Shape]:
+        """What cannot be used, each by its name: strange files that would be shapes, closed folders, empty classes."""
+        shapes = []
+        known = {*found, *errors}
+        for place, reason in listing.strange.items():
+            key = self._key(place)
+            if key is not None and key not in known:
+                shapes.append(Shape(key[1], key[0], {}, None, f"{place}: {reason}"))
+                known.add(key)
+        for place, reason in listing.closed.items():
+            category, _, name = place.partition("/") if "/" in place else (self._flat(), "", place)
+            shapes.append(Shape(name, category, {}, None, f"{place}: {reason}"))
+        for category in self._empty(listing, {category for category, _ in known}):
+            error = f"{category}: expected a class with meshes or clouds in {self.root}, got a folder without any"
+            shapes.append(Shape(NO_SHAPES, category, {}, None, f"{error}; add shapes, or remove the folder"))
+        return shapes
+
+    def _empty(self, listing: Listing, categories: Collection[str]) -> list[str]:
+        """Folders that look like classes of this layout and have no shape, nor what shapes need."""
+        holding = {place.split("/")[0]: place for place in listing.files.values() if "/" in place}
+        if self.category or self.pattern != "*" or not categories & holding.keys():
+            return []
+        needed = {place.split("/")[0] for place in listing.files.values() if place.lower().endswith(BESIDE)}
+        with os.scandir(self.root) as entries:
+            folders = [e.name for e in entries if not e.name.startswith(".") and e.is_dir() and encodable(e.name)]
+        return sorted({*folders} - {*categories} - needed - {*listing.closed})
 
     def _roles(self, name: str, paths: list[str]) -> dict[str, str]:
         clouds = [path for path in paths if path.lower().endswith(CLOUD_SUFFIXES)]
@@ -98,23 +171,29 @@ class Folder(WithExternals):
         for what, same in (("mesh", meshes), ("cloud", clouds)):
             if len(same) > 1:
                 raise ValueError(
-                    f"{name}: expected one {what}, got {' and '.join(same)}; "
-                    "rename one, choose files with dataset.pattern, "
-                    'or set dataset.id = "folder"'
+                    f"{name}: expected one {what}, got {' and '.join(same)}; rename one, choose files with "
+                    'dataset.pattern, or set dataset.id = "folder"'
                 )
         return {what: same[0] for what, same in (("mesh", meshes), ("cloud", clouds)) if same}
 
-    def _annotations(self, found: dict[Key, dict[str, str]]) -> tuple[dict[Key, Leaf], dict[Key, str]]:
+    def _annotations(self, found: Collection[Key]) -> tuple[dict[Key, Leaf], dict[Key, str]]:
         """The keypoints leaf of every annotated shape, and what is wrong with entries, by shape."""
-        path = self.keypoints if self.keypoints is not None else self.root / "keypoints.json"
-        if self.keypoints is None and not path.is_file():
+        path = self.annotation_file()
+        if self.keypoints is None and not os.path.lexists(path):
             return {}, {}
-        file = AnnotationFile.read(path)
+        try:
+            file = AnnotationFile.read(path)
+        except FileNotFoundError:
+            if self.keypoints is not None:
+                raise
+            return {}, {(self._flat(), path.name): f"{path}: expected a file, got something else; remove it"}
+        except (OSError, ValueError) as error:
+            return {}, {(self._flat(), path.name): str(error)}
         categories: dict[str, list[str]] = {}
         for category, name in found:
             categories.setdefault(name, []).append(category)
         leaves: dict[Key, Leaf] = {}
-        errors: dict[Key, str] = {}
+        errors = {(self._flat(), f"{path.name} entry {i}"): error for i, error in file.malformed.items()}
         for entry in file.entries:
             key, error = self._owner(entry, categories, path)
             if key in leaves:
@@ -132,16 +211,9 @@ class Folder(WithExternals):
             return (category, model), None
         if len(having) == 1:
             return (having[0], model), None
-        key = (category if isinstance(category, str) and category else self.root.resolve().name or "shapes", model)
+        key = (category if isinstance(category, str) and category and encodable(category) else self._flat(), model)
         if having:
-            return (
-                key,
-                f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}; "
-                "mend the annotation file",
-            )
-        name = "/".join(key)
-        return (
-            key,
-            f"{name}: expected a mesh or cloud {model}.* below {self.root}, got none; "
-            f"add it, or drop its entry from {path}",
-        )
+            expected = f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}"
+            return key, f"{expected}; mend the annotation file"
+        expected = f"{'/'.join(key)}: expected a mesh or cloud {model}.* below {self.root}, got none"
+        return key, f"{expected}; add it, or drop its entry from {path}"

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,6 +22,8 @@ import numpy as np
 from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
 from b23d.schemas.parts import Parts
 from b23d.schemas.shape import Source
+from b23d.stages.datasets.folder import NO_SHAPES
+from b23d.stages.datasets.walking import files_of
 
 LABELS = {
     "Airplane": range(0, 4), "Bag": range(4, 6), "Cap": range(6, 8), "Car": range(8, 12), "Chair": range(12, 16),
@@ -33,6 +34,7 @@ LABELS = {
 }  # fmt: skip
 COLUMNS = 7
 FILE = "points.txt"
+SUFFIX = ".txt"
 
 
 @dataset("shapenetpart")
@@ -55,26 +57,31 @@ class ShapeNetPart(Dataset):
         existing = [name for name, synset in synsets.items() if (self.root / synset).is_dir()]
         wanted = existing if self.classes is None else list(dict.fromkeys(self.classes))
         if absent := [name for name in wanted if name not in existing]:
+            known = f"{', '.join(existing) or 'none'} in {self.root}"
             raise FileNotFoundError(
-                f"shapenetpart: expected classes among {', '.join(existing) or 'none'} in {self.root}, "
-                f"got {', '.join(absent)}; "
-                "set dataset.classes"
+                f"shapenetpart: expected classes among {known}, got {', '.join(absent)}; set dataset.classes"
             )
-        if strange := [name for name in wanted if name not in LABELS]:
-            raise ValueError(
-                f"shapenetpart: expected classes among {', '.join(LABELS)}, got {', '.join(strange)}; "
-                "set dataset.classes"
-            )
+        expected = f"shapenetpart: expected classes among {', '.join(LABELS)}, got"
+        strange = [name for name in wanted if name not in LABELS]
+        if strange and self.classes is not None:
+            raise ValueError(f"{expected} {', '.join(strange)}; set dataset.classes")
         splits = self._splits()
-        shapes = [shape for category in wanted for shape in self._class(category, synsets[category], splits)]
+        shapes = [Shape(NO_SHAPES, name, {}, None, f"{expected} {name}; set dataset.classes") for name in strange]
+        for category in wanted:
+            if category in LABELS:
+                shapes += self._class(category, synsets[category], splits)
         return sorted(shapes, key=lambda shape: shape.name)
 
     def _class(self, category: str, synset: str, splits: dict[str, str]) -> list[Shape]:
-        with os.scandir(self.root / synset) as entries:
-            files = {entry.name[:-4]: Path(entry.path) for entry in entries if entry.name.endswith(".txt")}
+        listing = files_of(self.root / synset, SUFFIX)
+        files = {name[: -len(SUFFIX)]: Path(path) for path, name in listing.files.items()}
+        wrong = {name[: -len(SUFFIX)]: f"{synset}/{name}: {why}" for name, why in listing.strange.items()}
         listed = {key.partition("/")[2]: split for key, split in splits.items() if key.partition("/")[0] == synset}
-        shapes = []
-        for name in files.keys() | listed.keys():
+        if not files and not wrong and not listed:
+            got = "; ".join(listing.closed.values()) or f"expected clouds {synset}/<id>.txt in {self.root}, got none"
+            wrong[NO_SHAPES] = f"{category}: {got}; add them, or leave the class out of dataset.classes"
+        shapes = [Shape(name, category, {}, listed.get(name), error) for name, error in wrong.items()]
+        for name in files.keys() | listed.keys() - wrong.keys():
             if name in files:
                 shapes.append(Shape(name, category, _leaves(files[name], category, name), listed.get(name)))
             else:
@@ -104,7 +111,7 @@ class ShapeNetPart(Dataset):
                 continue
             try:
                 splits.update({"/".join(entry.split("/")[-2:]): split for entry in json.loads(path.read_text())})
-            except (ValueError, AttributeError, TypeError) as error:
+            except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
                 raise ValueError(
                     f"{path}: expected a list of `shape_data/<synset>/<id>`, got {error}; restore the file"
                 ) from error
@@ -153,8 +160,6 @@ def _rows(files: dict[str, bytes], values: dict[str, Any]) -> np.ndarray:
         raise ValueError(f"{values['shape']}: {error}") from error
     if not len(found) or (widths[widths > 0] != COLUMNS).any() or len(found) % COLUMNS:
         got = sorted(set(widths[widths > 0].tolist()))
-        raise ValueError(
-            f"{values['shape']}: expected rows `x y z nx ny nz label`, got rows of {got or 'no'} numbers; "
-            "restore the file"
-        )
+        expected = f"{values['shape']}: expected rows `x y z nx ny nz label`"
+        raise ValueError(f"{expected}, got rows of {got or 'no'} numbers; restore the file")
     return found.reshape(-1, COLUMNS)

@@ -6,7 +6,6 @@ import base64
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -30,10 +29,6 @@ from b23d.stages.workbench.pictures.palette import IDS, id_color
 
 REFERENCES = 200
 """Annotated shapes of the class that the page offers beside, at most."""
-REASONS = {
-    "keypointnet": "its annotations are a published benchmark, and figures on changed ones cannot be compared",
-    "procedural": "its keypoints are exact by construction and have no file",
-}
 
 
 class Session:
@@ -43,16 +38,15 @@ class Session:
         """`keypoints`: the file to write to; None: the data set's own. Raises KeyError (no such shape), ValueError (the
         data set's annotations must not be written, or the shape or its annotation is broken), FileNotFoundError."""
         self.shape = find_shape(shapes, name)
-        self.path = keypoints if keypoints is not None else own_file(dataset)
+        own = dataset.annotation_file(self.shape.category)
+        self.path = keypoints if keypoints is not None else writable_file(dataset, self.shape.category)
         if self.shape.error is not None:
             raise ValueError(self.shape.error)
-        self.own = keypoints is None or (
-            dataset.kind == "folder" and self.path.resolve() == own_file(dataset).resolve()
-        )
+        self.own = keypoints is None or (own is not None and self.path.resolve() == own.resolve())
         others = (s for s in shapes if s.category == self.shape.category and s.name != name and s.error is None)
         self.peers = [s for s in others if "keypoints" in s.leaves]
-        self.class_ids = {self.shape.category, *_class_ids(dataset, self.shape.category)}
-        self.alone = dataset.kind == "folder" and sum(s.id == self.shape.id for s in shapes) == 1
+        self.class_ids = dataset.class_ids(self.shape.category)
+        self.alone = sum(s.id == self.shape.id for s in shapes) == 1
         self.loaded = read_entries(self.path)
         self.entry = find(self.loaded, self._owns) or self._first_entry(dataset)
         self.pickable = Pickable.load(_read(self.shape.leaves["source"]))
@@ -170,43 +164,25 @@ def find_shape(shapes: list[Shape], name: str) -> Shape:
     raise KeyError(f"shape: expected one of the data set's, got {name!r}; {hint}")
 
 
-def own_file(dataset: Dataset) -> Path:
-    """The annotation file of a folder data set. Raises ValueError for other kinds: theirs are not ours to change."""
-    if dataset.kind != "folder":
-        why = REASONS.get(dataset.kind, "its annotations are not a file of ours")
+def writable_file(dataset: Dataset, category: str) -> Path:
+    """The data set's own annotation file of a class. Raises ValueError where it is not ours to change."""
+    path, kept = dataset.annotation_file(category), dataset.annotations_kept()
+    if path is None or kept:
         raise ValueError(
-            f"annotate: expected a data set of kind folder to write to, got {dataset.kind}: {why}; "
+            f"annotate: expected a data set with an annotation file to write to, got {dataset.kind}: {kept}; "
             "give another file with --keypoints FILE"
         )
-    path: Path | None = dataset.keypoints  # type: ignore[attr-defined]
-    root: Path = dataset.root  # type: ignore[attr-defined]
-    return path if path is not None else root / "keypoints.json"
-
-
-@cache
-def _published(path: Path) -> list[Entry]:
-    return read_entries(path)
+    return path
 
 
 def _entries(dataset: Dataset, category: str) -> list[Entry]:
-    """Entries of the data set's own annotation file, whole."""
-    if dataset.kind == "folder":
-        return read_entries(own_file(dataset))
-    if dataset.kind == "keypointnet":
-        root: Path = dataset.root  # type: ignore[attr-defined]
-        return _published(root / "annotations" / f"{category}.json")
-    return []
-
-
-def _class_ids(dataset: Dataset, category: str) -> set[str]:
-    """KeypointNet's entries name their class by a synset id."""
-    return {entry["class_id"] for entry in _entries(dataset, category)} if dataset.kind == "keypointnet" else set()
+    """Entries of the data set's own annotation file, whole; none where there is none."""
+    path = dataset.annotation_file(category)
+    return [] if path is None else read_entries(path)
 
 
 def _read(leaf: Leaf) -> Any:
-    artifact = leaf.load(
-        {name: path.read_bytes() for name, path in leaf.files.items()}, {**leaf.values, **leaf.context}
-    )
+    artifact = leaf.read()
     assert isinstance(artifact, Source | Keypoints)
     return artifact
 
@@ -215,4 +191,4 @@ def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode()
 
 
-__all__ = ["ConflictError", "Session", "find_shape", "own_file"]
+__all__ = ["ConflictError", "Session", "find_shape", "writable_file"]

@@ -42,7 +42,7 @@ def annotate(
         if not session.own:
             hint = (
                 f"--set 'dataset.keypoints={session.path}'"
-                if loaded.config.dataset.kind == "folder"
+                if not loaded.config.dataset.annotations_kept()
                 else "a data set made of that file"
             )
             console.print(f"this run does not read that file: use {hint}", highlight=False, soft_wrap=True)

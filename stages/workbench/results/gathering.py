@@ -128,8 +128,7 @@ class Gathering:
         if leaf is None:
             return None
         try:
-            files = {name: path.read_bytes() for name, path in leaf.files.items()}
-            loaded = leaf.load(files, {**leaf.values, **leaf.context})
+            loaded = leaf.read()
         except (OSError, ValueError) as error:
             errors.append(f"keypoints: {type(error).__name__}: {error}")
             return None
