@@ -187,8 +187,8 @@ class Folder(WithExternals):
             if self.keypoints is not None:
                 raise
             return {}, {(self._flat(), path.name): f"{path}: expected a file, got something else; remove it"}
-        except (OSError, ValueError) as error:
-            return {}, {(self._flat(), path.name): str(error)}
+        except (OSError, ValueError) as problem:
+            return {}, {(self._flat(), path.name): str(problem)}
         categories: dict[str, list[str]] = {}
         for category, name in found:
             categories.setdefault(name, []).append(category)

@@ -80,8 +80,8 @@ class KeypointNet(WithExternals):
         """The class's shapes. An annotation file that cannot be read, or has no entry, is one shape with an error."""
         try:
             annotations = AnnotationFile.read(path)
-        except (OSError, ValueError) as error:
-            return [_aside(category, str(error))]
+        except (OSError, ValueError) as problem:
+            return [_aside(category, str(problem))]
         if not annotations.entries and not annotations.malformed:
             return [_aside(category, f"{path}: expected entries of models, got an empty list; {MEND}")]
         listed: dict[str, dict[str, str]] = {}
