@@ -21,3 +21,7 @@ class CorruptArtifactError(B23dError, OSError):
 
 class ResourceError(B23dError, RuntimeError):
     """A stage needs what no worker has."""
+
+
+class SelectionError(B23dError, ValueError):
+    """A shape, class or stage asked for that a run does not have."""

@@ -1,0 +1,59 @@
+"""Selection: names, globs and files choose shapes, and nothing else about a run changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from b23d.pipeline.dataset import Shape
+from b23d.pipeline.errors import SelectionError
+from b23d.pipeline.selection import Selection
+
+SHAPES = [Shape(f"{c}{i}", c, {}) for c in ("chair", "table") for i in range(3)] + [Shape("[red]x[/]", "odd", {})]
+NAMES = {shape.name for shape in SHAPES}
+
+
+@pytest.mark.parametrize(
+    ("selection", "expected"),
+    [
+        (Selection(), NAMES),
+        (Selection(shapes=("chair/chair1",)), {"chair/chair1"}),
+        (Selection(shapes=("chair1",)), {"chair/chair1"}),
+        (Selection(shapes=("chair/*",)), {"chair/chair0", "chair/chair1", "chair/chair2"}),
+        (Selection(shapes=("*1", "table/table2")), {"chair/chair1", "table/table1", "table/table2"}),
+        (Selection(classes=("t*",)), {"table/table0", "table/table1", "table/table2"}),
+        (Selection(classes=("table",), limit=1), {"table/table0"}),
+        (Selection(limit=1), {"chair/chair0", "table/table0", "odd/[red]x[/]"}),
+        (Selection(shapes=("odd/[red]x[/]",)), {"odd/[red]x[/]"}),
+        (Selection(only_failed=True), {"table/table1"}),
+        (Selection(only_failed=True, classes=("chair",)), set()),
+    ],
+)
+def test_all_that_is_said_must_hold(selection: Selection, expected: set[str]) -> None:
+    assert selection.targets(SHAPES, failed={"table/table1"}) == expected
+
+
+def test_a_file_lists_names_and_globs(tmp_path: Path) -> None:
+    listed = tmp_path / "mine.txt"
+    listed.write_text("# worth another look\nchair/chair2\n\n  table*0  \n")
+    assert Selection(shapes=(f"@{listed}",)).targets(SHAPES) == {"chair/chair2", "table/table0"}
+
+
+@pytest.mark.parametrize(
+    ("selection", "message"),
+    [
+        (Selection(shapes=("chiar/chair1",)), "--shape: expected .* got 'chiar/chair1'; did you mean 'chair/chair1'"),
+        (Selection(classes=("sofa",)), "--class: expected .* got 'sofa'"),
+        (Selection(shapes=("@nowhere.txt",)), "--shape @nowhere.txt: expected a text file"),
+    ],
+)
+def test_what_matches_nothing_is_an_error(selection: Selection, message: str) -> None:
+    with pytest.raises(SelectionError, match=message):
+        selection.targets(SHAPES)
+
+
+def test_stages_are_checked() -> None:
+    Selection(stages=("render",), until="extract").check_stages(["render", "extract"])
+    with pytest.raises(SelectionError, match="did you mean 'extract'"):
+        Selection(until="extrct").check_stages(["render", "extract"])
