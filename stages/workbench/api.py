@@ -1,7 +1,7 @@
 """The Python API: `b23d.pipeline.run.Run` with what knows 3D: scores as a DataFrame, plots, the report.
 
->>> from b23d import load
->>> run = load("runs/demo.toml", "stages.optimize.alpha=0.5")
+>>> import b23d
+>>> run = b23d.load("runs/demo.toml", "stages.optimize.alpha=0.5")
 >>> run.execute()
 >>> run.scores
 >>> run.plot("chair/chair-0003")
