@@ -50,7 +50,8 @@ def test_what_a_changed_function_gives_is_compared_with_what_is_stored(tmp_path:
 
 
 def one(values: list[float], note: str = "", grid: bool = False) -> Numbers:
-    return Numbers(values=np.array(values, float), note=note, grid=np.zeros((1, len(values)), np.float32) if grid else None)
+    zeros = np.zeros((1, len(values)), np.float32)
+    return Numbers(values=np.array(values, float), note=note, grid=zeros if grid else None)
 
 
 @pytest.mark.parametrize(
