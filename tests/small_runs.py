@@ -48,3 +48,15 @@ def make_boxes(folder: Path, count: int = 5, extra: str = FAST) -> Path:
     path = folder / "boxes.toml"
     path.write_text(FOLDER.format(store=folder / "store") + extra)
     return path
+
+
+def b23d(*arguments: str, code: int = 0) -> str:
+    """The command line in this process: what it prints. Errors are raised, not printed."""
+    from typer.testing import CliRunner
+
+    from b23d.pipeline.cli import app, plug_in
+
+    plug_in()
+    result = CliRunner().invoke(app, [*arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result.output

@@ -10,6 +10,7 @@ import numpy as np
 
 RADIUS = 0.012  # of a predicted keypoint, unit frame; annotated ones are smaller, so that both are seen where they meet
 TRUE_RADIUS = 0.008
+TYPES = {"u1": "uchar", "<f4": "float", "<f8": "double"}
 POINT = 0.0025  # half the width of a candidate that has to be a solid
 
 
@@ -19,7 +20,7 @@ class Part:
 
     name: str
     vertices: np.ndarray
-    """(v, 3) float32."""
+    """(v, 3) float32; float64 where the coordinates need it."""
     colors: np.ndarray
     """(v, 3) uint8."""
     faces: np.ndarray = field(default_factory=lambda: np.zeros((0, 3), np.int32))
@@ -64,12 +65,13 @@ def write_ply(part: Part, path: Path, comments: list[str]) -> None:
     scalars = dict(part.scalars)
     if scalars:
         scalars = {"quality": next(iter(scalars.values())), **scalars}
-    columns: list[Any] = [(axis, "<f4") for axis in "xyz"] + [(color, "u1") for color in ("red", "green", "blue")]
+    place = "<f8" if part.vertices.dtype == np.float64 else "<f4"
+    columns: list[Any] = [(axis, place) for axis in "xyz"] + [(color, "u1") for color in ("red", "green", "blue")]
     table = np.zeros(len(part.vertices), np.dtype(columns + [(name, "<f4") for name in scalars]))
-    for place, axis in enumerate("xyz"):
-        table[axis] = part.vertices[:, place]
-    for place, color in enumerate(("red", "green", "blue")):
-        table[color] = part.colors[:, place]
+    for i, axis in enumerate("xyz"):
+        table[axis] = part.vertices[:, i]
+    for i, color in enumerate(("red", "green", "blue")):
+        table[color] = part.colors[:, i]
     for name, values in scalars.items():
         table[name] = values
     header = [
@@ -78,7 +80,7 @@ def write_ply(part: Part, path: Path, comments: list[str]) -> None:
         *(f"comment {line}" for line in comments),
         f"element vertex {len(table)}",
     ]
-    header += [f"property {'uchar' if kind == 'u1' else 'float'} {name}" for name, kind in columns]
+    header += [f"property {TYPES[kind]} {name}" for name, kind in columns]
     header += [f"property float {name}" for name in scalars]
     faces = np.zeros(len(part.faces), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
     faces["count"], faces["corners"] = 3, part.faces

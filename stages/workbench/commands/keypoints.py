@@ -1,0 +1,127 @@
+"""`b23d keypoints`: a run's predictions as one table, in the coordinates of the shapes' own files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from b23d.pipeline.run import Report, Run
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from b23d.stages.workbench.results.keypoints import Found
+
+SHOWN = 40
+"""Rows that are printed where no file is asked for."""
+
+
+def keypoints(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help=".csv, .json, .parquet, or .ply (one shape). Default: print."),
+    ] = None,
+    shape: Annotated[
+        list[str], typer.Option("--shape", metavar="NAME", help="Only these: a name, an id or a glob; repeatable.")
+    ] = [],
+    category: Annotated[
+        list[str], typer.Option("--class", metavar="CLASS", help="Only these classes; repeatable.")
+    ] = [],
+    draw: Annotated[list[int], typer.Option("--draw", help="Of these draws of shots; repeatable.")] = [],
+    all_draws: Annotated[bool, typer.Option("--all-draws", help="Of every draw whose shots differ.")] = False,
+    present: Annotated[bool, typer.Option("--present", help="Without those that are judged absent.")] = False,
+    set: Annotated[
+        list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
+    ] = [],
+    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+) -> None:
+    """One row a keypoint: class, shape, id, name, x y z in the file's own coordinates, nearest vertex, face and
+    barycentrics, confidence, present."""
+    from b23d.stages.workbench.commands.table_files import check_suffix, write_table
+    from b23d.stages.workbench.results.keypoints import keypoint_table
+
+    console = Console()
+    if out is not None:
+        check_suffix(out)
+    loaded = Run.load(run, set, store)
+    draws = [seed for d in loaded.plan().draws for seed in [d.seed]] if all_draws else draw or None
+    with console.status("reading") as status:
+        found = keypoint_table(
+            loaded, shape, category, draws, lambda done, total: status.update(f"reading {done}/{total} shapes")
+        )
+    table = found.table[found.table["present"]] if present else found.table
+    if not len(found.table):
+        raise ValueError(
+            f"run {loaded.name}: expected predictions, got none made yet ({found.waiting} shapes wait); "
+            f"b23d run {run} makes them"
+        )
+    if out is not None:
+        write_table(table, out)
+        shapes = len(table[["class", "shape"]].drop_duplicates())
+        said = f"wrote {out}: {len(table)} keypoints of {_count(shapes, 'shape')}"
+        console.print(said, highlight=False, soft_wrap=True, markup=False)
+    else:
+        wide = console if console.is_terminal else Console(width=160)
+        wide.print(_table(table.head(SHOWN)))
+        if len(table) > SHOWN:
+            wide.print(f"… and {len(table) - SHOWN} more rows; -o FILE.csv writes them all", highlight=False)
+    for line in notes(found, draws is not None):
+        console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
+
+
+def notes(found: Found, asked: bool) -> list[str]:
+    """Which draws these are, and what is not there."""
+    lines = []
+    for category, seeds in found.draws.items():
+        others = [seed for seed in found.others.get(category, []) if not asked]
+        if others:
+            lines.append(f"{category}: draw {_listed(seeds)}; --all-draws adds {_listed(others)}")
+    for category, seeds in found.alike.items():
+        lines.append(f"{category}: draw {_listed(seeds)} left out: the same shots as a draw before, the same keypoints")
+    if found.waiting:
+        lines.append(f"{_count(found.waiting, 'shape')} without a prediction yet: failed, or not run")
+    return lines
+
+
+def after_run(run: Run, report: Report, console: Console) -> None:
+    """What to do with what a run has made."""
+    if report.ok or report.done:
+        path = run.config.path
+        console.print(
+            f"next: b23d keypoints {path} -o {run.name}.csv   the keypoints in your files' coordinates\n"
+            f"      b23d report {path}   one page to look at them all",
+            highlight=False,
+            soft_wrap=True,
+            markup=False,
+        )
+
+
+def _table(rows: pd.DataFrame) -> Table:
+    shown = Table(title_justify="left")
+    for column in rows.columns:
+        shown.add_column(str(column), justify="left" if rows[column].dtype.kind == "O" else "right")
+    for row in rows.itertuples(index=False):
+        shown.add_row(*(_cell(value) for value in row))
+    return shown
+
+
+def _cell(value: object) -> str:
+    import pandas as pd
+
+    if pd.isna(value):  # type: ignore[call-overload]
+        return "·"
+    return f"{value:.5g}" if isinstance(value, float) else escape(str(value))
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def _listed(seeds: list[int]) -> str:
+    return ", ".join(map(str, seeds))

@@ -1,0 +1,190 @@
+"""A run's predicted keypoints in the coordinates of the shapes' own files, one row a keypoint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from b23d.pipeline.config import feeding
+from b23d.pipeline.dataset import Shape
+from b23d.pipeline.plan import Node, Plan, State
+from b23d.pipeline.run import Run
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.predictions import Prediction
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.workbench.results.placing import Placer
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = {
+    "class": "string",
+    "shape": "string",
+    "id": "Int64",
+    "name": "string",
+    "x": "float64",
+    "y": "float64",
+    "z": "float64",
+    "vertex": "Int64",
+    "face": "Int64",
+    "b0": "float64",
+    "b1": "float64",
+    "b2": "float64",
+    "confidence": "float64",
+    "present": "boolean",
+}
+"""In this order; `draw` stands behind `shape` where the rows are of several draws."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """The rows, and what became of the draws."""
+
+    table: pd.DataFrame
+    draws: dict[str, list[int]]
+    """Class → the draws that made its rows."""
+    alike: dict[str, list[int]]
+    """Class → draws that have the very shots of one that is kept: the same prediction, not repeated."""
+    others: dict[str, list[int]]
+    """Class → draws that could be asked for besides."""
+    waiting: int
+    """Shapes that were chosen and have no prediction yet."""
+
+
+def keypoint_table(
+    run: Run,
+    shapes: Iterable[str] = (),
+    classes: Iterable[str] = (),
+    draws: Iterable[int] | None = None,
+    watch: Callable[[int, int], None] = lambda done, total: None,
+) -> Found:
+    """Every predicted keypoint of the chosen shapes, by default with each class's first draw of shots alone.
+
+    shapes, classes: names or globs (`chair/*`, `m1?`); none: all. draws: which; every draw with its shots differing
+    from those of the draws before is kept. Columns, by `COLUMNS`:
+    x, y, z: in the file's own coordinates. vertex: the file's nearest vertex (or cloud point), counted from 0 in the
+    file's order. face, b0, b1, b2: the face it lies on and where, by barycentric coordinates of its three corners;
+    counted from 0 among the file's triangles, polygons cut into theirs in place. Both are absent (NA) where the surface is
+    not the file's (`stages.normalize.watertight`), faces for clouds as well. confidence: 0 … 1, NA where the method
+    has none. present: False where the id is judged absent from this shape.
+
+    Raises KeyError where no shape is chosen.
+    """
+    chosen = choose(run.shapes, shapes, classes)
+    plan = run.plan()
+    final, base = feeding(run.config.file, "optimize"), feeding(run.config.file, "normalize")
+    kept, alike = _draws(plan, draws)
+    rows: list[dict[str, Any]] = []
+    named: dict[str, dict[int, str]] = {}
+    used: dict[str, set[int]] = {}
+    waiting = 0
+    for done, shape in enumerate(chosen, 1):
+        nodes = _nodes(plan.by_shape, final, shape, kept.get(shape.category, []), draws is None)
+        made = [(draw, node) for draw, node in nodes if node.state is State.CACHED]
+        waiting += bool(nodes) and not made
+        if made:
+            names = named.setdefault(shape.category, class_names(run, shape.category))
+            at = plan.by_shape[base, shape.name, None]
+            placer = Placer(shape, run.store.read(base, at.address, NormalizedShape))
+            for draw, node in made:
+                used.setdefault(shape.category, set()).update(() if draw is None else (draw,))
+                prediction = run.store.read(final, node.address, Prediction)
+                rows += [{"draw": draw, **row} for row in _rows(shape, prediction, placer, names)]
+        watch(done, len(chosen))
+    shown = {name: sorted(seeds) for name, seeds in used.items()}
+    others = {name: [seed for seed in kept[name] if seed not in seeds] for name, seeds in shown.items()}
+    return Found(_frame(rows), shown, alike, others, waiting)
+
+
+def choose(every: list[Shape], shapes: Iterable[str], classes: Iterable[str]) -> list[Shape]:
+    """Shapes whose name or id matches one of `shapes`, of a class that matches one of `classes`; empty: all. Raises
+    KeyError where that is none."""
+    wanted, of = list(shapes), list(classes)
+    found = [
+        shape
+        for shape in every
+        if (not wanted or any(fnmatchcase(shape.name, glob) or fnmatchcase(shape.id, glob) for glob in wanted))
+        and (not of or any(fnmatchcase(shape.category, glob) for glob in of))
+    ]
+    if not found:
+        known = ", ".join(sorted({shape.category for shape in every}))
+        asked = ", ".join([*wanted, *of])
+        raise KeyError(f"shapes: expected some of the {len(every)} in {known}, got none for {asked}; see `b23d list`")
+    return found
+
+
+def class_names(run: Run, category: str) -> dict[int, str]:
+    """Id → name of the keypoints of a class, by its annotations; the first that names an id decides."""
+    names: dict[int, str] = {}
+    for shape in run.shapes:
+        leaf = shape.leaves.get("keypoints")
+        if shape.category != category or leaf is None:
+            continue
+        try:
+            found = leaf.load({n: path.read_bytes() for n, path in leaf.files.items()}, {**leaf.values, **leaf.context})
+        except (OSError, ValueError):
+            continue
+        if isinstance(found, Keypoints):
+            given: list[str] = getattr(found, "names", [])
+            names = {**dict(zip(found.ids.tolist(), given, strict=False)), **names}
+    return {number: name for number, name in names.items() if name}
+
+
+def _draws(plan: Plan, wanted: Iterable[int] | None) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+    """Class → the draws to show in order, and those left out because they have the shots of one before."""
+    kept: dict[str, list[int]] = {}
+    alike: dict[str, list[int]] = {}
+    seen: dict[str, set[tuple[str, ...]]] = {}
+    asked = None if wanted is None else set(wanted)
+    for draw in plan.draws:
+        if draw.error or (asked is not None and draw.seed not in asked):
+            continue
+        shots = tuple(shot.id for shot in draw.shots)
+        known = tuple(sorted(shots)) in seen.setdefault(draw.category, set())
+        (alike if known else kept).setdefault(draw.category, []).append(draw.seed)
+        seen[draw.category].add(tuple(sorted(shots)))
+    return kept, alike
+
+
+def _nodes(
+    by_shape: dict[tuple[str, str, int | None], Node], stage: str, shape: Shape, draws: list[int], first: bool
+) -> list[tuple[int | None, Node]]:
+    """The shape's nodes of `stage`: of each of these draws, or of the `first` that has one; of none where the stage sees
+    no shots."""
+    found: list[tuple[int | None, Node]] = [
+        (draw, node) for draw in draws if (node := by_shape.get((stage, shape.name, draw))) is not None
+    ]
+    if not found and (node := by_shape.get((stage, shape.name, None))) is not None:
+        found = [(None, node)]
+    ready = [pair for pair in found if pair[1].state is State.CACHED]
+    return (ready or found)[:1] if first else found
+
+
+def _rows(shape: Shape, found: Prediction, placer: Placer, names: dict[int, str]) -> list[dict[str, Any]]:
+    places = placer.place(found.points, found.positions)
+    confidence = found.present_arrays().get("confidence")
+    return [
+        {
+            "class": shape.category,
+            "shape": shape.id,
+            "id": number,
+            "name": names.get(number),
+            **place.columns(),
+            "confidence": None if confidence is None else float(confidence[i]),
+            "present": bool(found.present[i]),
+        }
+        for i, (number, place) in enumerate(zip(found.ids.tolist(), places, strict=True))
+    ]
+
+
+def _frame(rows: list[dict[str, Any]]) -> pd.DataFrame:
+    import pandas as pd
+
+    table = pd.DataFrame(rows, columns=["draw", *COLUMNS]).astype({"draw": "Int64", **COLUMNS})
+    if table["draw"].nunique() > 1:
+        return table[["class", "shape", "draw", *list(COLUMNS)[2:]]]
+    return table.drop(columns="draw")
