@@ -25,8 +25,10 @@ def check_suffix(path: Path) -> None:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write the table, and the folder for it. json: a list of objects. Raises ValueError for another suffix, or a PLY of
-    several shapes."""
+    """Write the table, and the folder for it. json: a list of objects.
+
+    Raises ValueError for another suffix, or for a PLY of several shapes.
+    """
     check_suffix(path)
     suffix = path.suffix.lower()
     if suffix == ".ply":

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from b23d.pipeline.config import feeding
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.plan import Node, Plan, State
@@ -68,8 +66,8 @@ def keypoint_table(
     from those of the draws before is kept. Columns, by `COLUMNS`:
     x, y, z: in the file's own coordinates. vertex: the file's nearest vertex (or cloud point), counted from 0 in the
     file's order. face, b0, b1, b2: the face it lies on and where, by barycentric coordinates of its three corners;
-    counted from 0 among the file's triangles, polygons cut into theirs in place. Both are absent (NA) where the surface is
-    not the file's (`stages.normalize.watertight`), faces for clouds as well. confidence: 0 … 1, NA where the method
+    counted from 0 among the file's triangles, polygons cut into theirs in place. Both are absent (NA) where the
+    surface is not the file's (`stages.normalize.watertight`), faces for clouds as well. confidence: 0 … 1, NA where the method
     has none. present: False where the id is judged absent from this shape.
 
     Raises KeyError where no shape is chosen.
@@ -153,8 +151,8 @@ def _draws(plan: Plan, wanted: Iterable[int] | None) -> tuple[dict[str, list[int
 def _nodes(
     by_shape: dict[tuple[str, str, int | None], Node], stage: str, shape: Shape, draws: list[int], first: bool
 ) -> list[tuple[int | None, Node]]:
-    """The shape's nodes of `stage`: of each of these draws, or of the `first` that has one; of none where the stage sees
-    no shots."""
+    """The shape's nodes of `stage`: of each of these draws, or of the `first` that has one; of none where the stage
+    sees no shots."""
     found: list[tuple[int | None, Node]] = [
         (draw, node) for draw in draws if (node := by_shape.get((stage, shape.name, draw))) is not None
     ]

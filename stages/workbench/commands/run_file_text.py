@@ -1,0 +1,74 @@
+"""The text of a first run file for a folder that `survey` has looked at."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from b23d.stages.datasets.survey import Survey
+
+SHOTS = 3
+"""As many annotated shapes as the method's paper takes; fewer where fewer are annotated."""
+
+TEXT = """\
+# {found}
+# Written by `b23d init`; every field there is: `b23d params`.
+name = {name}
+
+[dataset]
+kind = {kind}
+root = {root}   # relative to this file
+{settings}
+[shots]
+count = {count}     # annotated shapes of each class that teach the others
+draws = [0]   # one choice of shots; [0, 1, 2, 3, 4] takes five in turn, and scores get a spread
+# ids = {{ {example} = ["…", "…"] }}   # or name the shots of a class yourself
+
+[stages.extract]
+# encoder = "dinov2-small"   # better, where there is network; the default's weights come along
+"""
+
+
+def run_file_text(found: Survey, name: str, beside: Path) -> str:
+    """The run file's text. `beside`: the folder it will lie in."""
+    root = Path(os.path.relpath(found.dataset.model_dump()["root"], beside.resolve())).as_posix()
+    lines = {key: f"{key} = {_toml(value)}\n" for key, value in found.settings.items()}
+    return TEXT.format(
+        found=summary(found),
+        name=_toml(name),
+        kind=_toml(found.dataset.kind),
+        root=_toml(root),
+        settings="".join(lines.values()),
+        count=shots(found),
+        example=_toml(found.classes[0].name),
+    )
+
+
+def summary(found: Survey) -> str:
+    """What was found, in one line."""
+    shapes, classes = found.shapes, len(found.classes)
+    formats = sorted({suffix for each in found.classes for suffix in each.formats})
+    annotated = f"{found.annotated} annotated" if found.annotated else "none annotated yet"
+    return (
+        f"{shapes} shape{'s' * (shapes != 1)} of {classes} class{'es' * (classes != 1)} "
+        f"({', '.join(s[1:] for s in formats)}), {annotated}"
+    )
+
+
+def shots(found: Survey) -> int:
+    """How many shots every annotated class can give, while it leaves a shape to predict."""
+    having = [(len(each.annotated), each.shapes) for each in found.classes if each.annotated]
+    return max(1, min([SHOTS, *(min(annotated, shapes - 1) for annotated, shapes in having)]))
+
+
+def run_name(folder: Path) -> str:
+    """A run's name after a folder's: letters, digits, dots, dashes and underscores."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", folder.resolve().name).strip("-._") or "shapes"
+
+
+def _toml(value: Any) -> str:
+    """A string, number or list as TOML writes it: JSON's form is one of TOML's."""
+    return json.dumps(value, ensure_ascii=False)
