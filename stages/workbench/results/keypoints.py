@@ -67,8 +67,8 @@ def keypoint_table(
     x, y, z: in the file's own coordinates. vertex: the file's nearest vertex (or cloud point), counted from 0 in the
     file's order. face, b0, b1, b2: the face it lies on and where, by barycentric coordinates of its three corners;
     counted from 0 among the file's triangles, polygons cut into theirs in place. Both are absent (NA) where the
-    surface is not the file's (`stages.normalize.watertight`), faces for clouds as well. confidence: 0 … 1, NA where the method
-    has none. present: False where the id is judged absent from this shape.
+    surface is not the file's (`stages.normalize.watertight`), faces for clouds as well.
+    confidence: 0 … 1, NA where the method has none. present: False where the id is judged absent from this shape.
 
     Raises KeyError where no shape is chosen.
     """
