@@ -114,7 +114,7 @@ def _table(rows: pd.DataFrame) -> Table:
 def _cell(value: object) -> str:
     import pandas as pd
 
-    if pd.isna(value):  # type: ignore[call-overload]
+    if pd.isna(value):
         return "·"
     return f"{value:.5g}" if isinstance(value, float) else escape(str(value))
 
