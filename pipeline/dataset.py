@@ -87,6 +87,16 @@ class Dataset(Params):
         """What to tell where no shape is annotated: where annotations are looked for, and what lies elsewhere."""
         return "annotations: expected some, got none; annotate shapes, or ask for stages that need none in `outputs`"
 
+    def covers(self, path: Path) -> bool:
+        """Whether a new file at `path` would lie where this data set looks for its own."""
+        fields = (getattr(self, name) for name in type(self).model_fields)
+        return any(isinstance(value, Path) and path.resolve().is_relative_to(value.resolve()) for value in fields)
+
+
+def is_export(name: str) -> bool:
+    """Whether a file of this name was exported by this program, as `<stem>.b23d.<suffix>`: never a shape."""
+    return ".b23d." in name
+
 
 DATASETS: dict[str, type[Dataset]] = {}
 Kind = TypeVar("Kind", bound=type[Dataset])

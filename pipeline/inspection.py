@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import glob
 import json
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
 from b23d.pipeline.config import feeding
+from b23d.pipeline.dataset import is_export
 from b23d.pipeline.run import Run
 from b23d.schemas.artifact import Artifact
 
-Exporter = Callable[[Run, str, str, int | None, Artifact, Path], None]
+FrameName = Literal["file", "unit"]
+"""Of exported geometry: the shape's own file's coordinates, or the unit frame."""
+Exporter = Callable[[Run, str, str, int | None, Artifact, Path, FrameName], None]
+MARK = "b23d export"
+"""Stands in every exported file that could be taken for a shape."""
 
 
 def artifact_tables(run: Run, shape: str, stage: str, draw: int | None = None) -> list[RenderableType]:
@@ -64,24 +70,43 @@ def value_range(array: np.ndarray) -> str:
     return f"{text}, {lost} not finite" if lost else text
 
 
-def export_artifact(run: Run, shape: str, stage: str, draw: int | None, path: Path) -> None:
-    """Write an artifact as `.npz` (every array and field), or in a format that a plugged-in exporter knows.
+def export_artifact(
+    run: Run, shape: str, stage: str, draw: int | None, path: Path, frame: FrameName = "file"
+) -> list[Path]:
+    """Write an artifact in the format of the path's suffix, by the plugged-in exporter that knows it; its folder is
+    made. Returns what was written: the file, and what lies beside it (an OBJ's material and texture).
 
-    Raises ValueError for a suffix nobody knows.
+    In a folder where the run's data set looks for shapes, the file gets `.b23d` into its name, by which data sets pass
+    it over. Raises ValueError for a suffix nobody knows.
     """
-    artifact = run.artifact(shape, stage, draw)
-    suffix = path.suffix.lower()
     exporters: dict[str, Exporter] = {
         f".{plugin.name}": plugin.load() for plugin in entry_points(group="b23d.exporters")
     }
-    if suffix == ".npz":
-        fields: dict[str, Any] = {**artifact.present_arrays(), "fields": np.array(json.dumps(artifact.plain_fields()))}
-        np.savez_compressed(path, **fields)
-    elif suffix in exporters:
-        exporters[suffix](run, shape, feeding(run.config.file, stage), draw, artifact, path)
-    else:
-        known = ", ".join([".npz", *sorted(exporters)])
+    if path.suffix.lower() not in exporters:
+        known = ", ".join(sorted(exporters))
         raise ValueError(f"export: expected one of {known}, got {path.suffix or path.name!r}; change the file's name")
+    artifact = run.artifact(shape, stage, draw)
+    path = passed_over(path, run)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    before = _times(path)
+    exporters[path.suffix.lower()](run, shape, feeding(run.config.file, stage), draw, artifact, path, frame)
+    after = _times(path)
+    beside = sorted(other for other, at in after.items() if other != path and before.get(other) != at)
+    return [path, *beside]
+
+
+def passed_over(path: Path, run: Run) -> Path:
+    """The path; with `.b23d` before its suffix where the run's data set would take a file of that name for a shape."""
+    if run.config.dataset.covers(path) and not is_export(path.name):
+        return path.with_name(f"{path.stem}.b23d{path.suffix}")
+    return path
+
+
+def _times(path: Path) -> dict[Path, int]:
+    """Files that go by the path's stem, and when they were changed."""
+    return {
+        other: other.stat().st_mtime_ns for other in path.parent.glob(f"{glob.escape(path.stem)}*") if other.is_file()
+    }
 
 
 def _short(value: Any, length: int = 160) -> str:

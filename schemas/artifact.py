@@ -16,7 +16,7 @@ from functools import cache
 from typing import Any, Self, cast, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, PrivateAttr, model_validator
+from pydantic import BaseModel, ConfigDict, PrivateAttr, create_model, model_validator
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,21 @@ class Artifact(BaseModel):
     @classmethod
     def lazy(cls, values: dict[str, Any], arrays: set[str], read: Callable[[str], np.ndarray]) -> Self:
         """An artifact whose `arrays` are read with `read(name)` when first touched; `values` are its JSON fields."""
-        plain = cls.model_fields.keys() - arrays
-        validated = {name: values[name] for name in values.keys() & plain}
-        artifact = cls.model_construct(**validated)
+        artifact = cls.model_construct(**cls._plain_model().model_validate(values).__dict__)
         for name in arrays:
             artifact.__dict__.pop(name, None)
         artifact._read = read
         return cast(Self, artifact)
+
+    @classmethod
+    @cache
+    def _plain_model(cls) -> type[BaseModel]:
+        """The fields that are not arrays, as a model: JSON's lists become the tuples, its texts the keys, that they
+        were."""
+        fields: dict[str, Any] = {
+            name: (field.annotation, field) for name, field in cls.model_fields.items() if name not in cls.array_specs()
+        }
+        return create_model(f"{cls.__name__}Fields", **fields)
 
     def present_arrays(self) -> dict[str, np.ndarray]:
         """Every array that is present, read if need be."""

@@ -77,10 +77,10 @@ def test_a_texture_goes_into_glb_and_its_colours_into_ply(run: Run, tmp_path: Pa
         scale=1,
         repairs={},
     )
-    ply(run, "box/b0", "normalize", None, shape, tmp_path / "t.ply")
+    ply(run, "box/b0", "normalize", None, shape, tmp_path / "t.ply", "unit")
     colors = trimesh.load(tmp_path / "t.ply", process=False).visual.vertex_colors[:, :3]
     assert colors.tolist() == [[255, 0, 0], [255, 0, 0], [0, 0, 255]]
-    glb(run, "box/b0", "normalize", None, shape, tmp_path / "t.glb")
+    glb(run, "box/b0", "normalize", None, shape, tmp_path / "t.glb", "unit")
     loaded = trimesh.load(tmp_path / "t.glb", process=False, force="mesh")
     np.testing.assert_allclose(loaded.visual.uv, uvs[0], atol=1e-6)
     np.testing.assert_array_equal(np.asarray(loaded.visual.material.baseColorTexture.convert("RGB")), texture)
@@ -149,7 +149,7 @@ def test_pictures_and_contact_sheets(run: Run, tmp_path: Path) -> None:
         renderer="none",
         distance=1,
     )
-    png(run, name, "render", None, views, tmp_path / "views.png")
+    png(run, name, "render", None, views, tmp_path / "views.png", "unit")
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "views.png")), sheet)
 
 

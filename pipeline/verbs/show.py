@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from b23d.pipeline.inspection import FrameName, artifact_tables, export_artifact, thumbnail
 from b23d.pipeline.verbs.options import Draw, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
@@ -19,20 +20,26 @@ def show(
     store: StoreUrl = None,
     draw: Draw = None,
     export: Annotated[
-        Path | None, typer.Option(help="Write it: .npz, .ply, .glb, .png, .parquet (what the artifact allows).")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write it: .npz, .ply, .glb, .obj, .png, .parquet (what the artifact allows)."
+        ),
     ] = None,
+    frame: Annotated[
+        FrameName, typer.Option(help="Of what is exported: the shape's own file's coordinates, or the unit frame.")
+    ] = "file",
     picture: Annotated[
         bool | None, typer.Option("--picture/--no-picture", show_default=False, help="Default: in a terminal.")
     ] = None,
 ) -> None:
     """What an artifact holds: a picture, arrays, ranges, provenance."""
-    from b23d.pipeline.inspection import artifact_tables, export_artifact, thumbnail
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
     if export is not None:
-        export_artifact(loaded, shape, stage, draw, export)
-        console.print(f"wrote {export} ({export.stat().st_size / 1e6:.2f} MB)", highlight=False)
+        for path in export_artifact(loaded, shape, stage, draw, export, frame):
+            size = path.stat().st_size / 1e6
+            console.print(f"wrote {path} ({size:.2f} MB)", highlight=False, soft_wrap=True, markup=False)
     else:
         for part in artifact_tables(loaded, shape, stage, draw):
             console.print(part)

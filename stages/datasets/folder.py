@@ -5,6 +5,7 @@
 <root>/<category>/**/<id>.<pcd|xyz|npz>                  clouds; beside a mesh of the same id, they give its candidates
 <root>/keypoints.json                                    keypoints in KeypointNet's form (optional)
 ```
+Files called `<name>.b23d.<suffix>` are this program's own exports, and passed over.
 Where all files lie in `<root>` itself, the category is its name.
 """
 
@@ -18,7 +19,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from b23d.pipeline.dataset import Leaf, Shape, dataset
+from b23d.pipeline.dataset import Leaf, Shape, dataset, is_export
 from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated
 from b23d.stages.datasets.external import WithExternals
 from b23d.stages.datasets.files import IMAGES, Companions, has_faces, uncollected
@@ -125,7 +126,9 @@ class Folder(WithExternals):
         """The shape that a file (by its place below the root) is of; None where it is no geometry of ours."""
         *folders, file = place.split("/")
         stem, dot, suffix = file.rpartition(".")
-        if not dot or f".{suffix.lower()}" not in MESH_SUFFIXES + CLOUD_SUFFIXES or not fnmatch(place, self.pattern):
+        if not dot or f".{suffix.lower()}" not in MESH_SUFFIXES + CLOUD_SUFFIXES or is_export(file):
+            return None
+        if not fnmatch(place, self.pattern):
             return None
         category = self.category or (folders[0] if folders else self._flat())
         below = folders if self.category else folders[1:]

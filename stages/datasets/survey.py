@@ -12,10 +12,10 @@ import numpy as np
 
 from b23d.pipeline.dataset import Dataset, Shape
 from b23d.schemas.shape import Source
-from b23d.stages.datasets.files import walk
 from b23d.stages.datasets.folder import Folder
 from b23d.stages.datasets.keypointnet import KeypointNet
 from b23d.stages.datasets.shapenetpart import ShapeNetPart
+from b23d.stages.datasets.walking import walk
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES, load
 from b23d.stages.geometry.surface import Surface
 from b23d.stages.geometry.upright import Upright, guess, support
@@ -123,7 +123,7 @@ def _layout(root: Path) -> tuple[Dataset, dict[str, Any]]:
 
 
 def _pattern(root: Path) -> str:
-    suffixes = Counter(Path(path).suffix for path in walk(root))
+    suffixes = Counter(Path(path).suffix for path in walk(root).files)
     known = {s: n for s, n in suffixes.items() if s.lower() in MESH_SUFFIXES + CLOUD_SUFFIXES}
     return f"*{max(known, key=lambda suffix: known[suffix])}" if known else "*"
 
@@ -144,9 +144,7 @@ def _spread(shapes: list[Shape]) -> Iterable[Shape]:
 
 def _measure(shape: Shape) -> tuple[np.ndarray, np.ndarray | None]:
     """(3,) extent of a shape, and its support on each axis; None for a cloud. Raises OSError or ValueError."""
-    leaf = shape.leaves["source"]
-    files = {name: path.read_bytes() for name, path in leaf.files.items()}
-    source = leaf.load(files, {**leaf.values, **leaf.context})
+    source = shape.leaves["source"].read()
     assert isinstance(source, Source)
     name = source.mesh if source.mesh is not None else source.cloud
     assert name is not None

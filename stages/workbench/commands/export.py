@@ -1,22 +1,26 @@
-"""Exporters of `b23d show RUN SHAPE STAGE --export FILE`: ply, glb, png, parquet. Geometry is in the unit frame, +y up.
+"""Exporters of `b23d show RUN SHAPE STAGE --export FILE`. Geometry is in the shape's own file's frame, so that it lies
+over the file in MeshLab or Blender, or in the unit frame where that is asked for.
 
-| artifact | ply, glb | png | parquet |
-|---|---|---|---|
-| NormalizedShape | the mesh or cloud with its colours (glb: with its texture) | a picture | |
-| PointFeatures | candidates in PCA colours fitted on the class; scalars `count`, `observed` | the same | |
-| GeodesicDistances | candidates coloured by their distance from candidate 0; scalar `distance` | the same | |
-| Prediction | the shape; keypoints as spheres, annotated ones small and black | discs, rings | all of the run |
-| Views | | contact sheet | |
-| ViewTokens | | contact sheet in PCA colours | |
-| ShapeScore | | | all of the run |
+| artifact | ply, glb, obj | npz | png | parquet |
+|---|---|---|---|---|
+| NormalizedShape | the mesh or cloud, its colours (glb, obj: texture) | arrays | a picture | |
+| PointFeatures | candidates, PCA colours of the class; `count`, `observed` | with `points` | the same | |
+| GeodesicDistances | candidates coloured by `distance` from candidate 0 | with `points` | the same | |
+| Prediction | the file's shape; predicted keypoints, annotated ones small and black | arrays | discs | of the run |
+| Views | | arrays | contact sheet | |
+| ViewTokens | | arrays | contact sheet in PCA colours | |
+| ShapeScore | | arrays | | of the run |
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from b23d.pipeline.errors import ArtifactNotFoundError
+from b23d.pipeline.inspection import FrameName
 from b23d.pipeline.run import Run
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.features import GeodesicDistances, PointFeatures
@@ -24,8 +28,11 @@ from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views, ViewTokens
+from b23d.stages.workbench.commands.export_arrays import write_arrays
 from b23d.stages.workbench.commands.thumbnails import distance_colors, token_colors
 from b23d.stages.workbench.pictures.coloring import class_basis, feature_colors
+from b23d.stages.workbench.pictures.frames import in_frame, original, shape_part
+from b23d.stages.workbench.pictures.obj_files import write_obj
 from b23d.stages.workbench.pictures.painting import GREY, Mark, marks
 from b23d.stages.workbench.pictures.palette import id_color, rgb
 from b23d.stages.workbench.pictures.solids import (
@@ -43,23 +50,36 @@ from b23d.stages.workbench.results.gathering import Entry, Gathering
 PICTURE = 800  # pixels
 TILE, ACROSS = 224, 8  # of a contact sheet
 BLACK = (17, 24, 39)
+FRAMES: dict[FrameName, str] = {"file": "in the coordinates of its own file", "unit": "unit frame, +y up"}
 
 
-def ply(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path) -> None:
+def ply(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path, frame: FrameName) -> None:
     """A binary PLY; scalars as vertex properties, one of them as MeshLab's `quality`. Raises ValueError for what has no
     geometry."""
-    parts = _parts(run, shape, stage, draw, artifact, "ply")
+    parts = _parts(run, shape, stage, draw, artifact, "ply", frame)
     one = parts[0] if len(parts) == 1 else merged(parts)
     names = [f"part {i}: {part.name}" for i, part in enumerate(parts)] if len(parts) > 1 else []
-    write_ply(one, path, [f"{stage} of {shape}, run {run.name}; unit frame, +y up", *names])
+    write_ply(one, path, [f"{stage} of {shape}, run {run.name}; {FRAMES[frame]}", *names])
 
 
-def glb(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path) -> None:
+def glb(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path, frame: FrameName) -> None:
     """A binary glTF scene with a named node for every keypoint. Raises ValueError for what has no geometry."""
-    write_glb(_parts(run, shape, stage, draw, artifact, "glb"), path)
+    write_glb(_parts(run, shape, stage, draw, artifact, "glb", frame), path)
 
 
-def png(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path) -> None:
+def obj(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path, frame: FrameName) -> None:
+    """An OBJ with a named object for every keypoint, its material and texture in files beside it. Raises ValueError for
+    what has no geometry."""
+    parts = _parts(run, shape, stage, draw, artifact, "obj", frame)
+    write_obj(parts, path, f"{stage} of {shape}, run {run.name}; {FRAMES[frame]}")
+
+
+def npz(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path, frame: FrameName) -> None:
+    """Every array and field; places and lengths in `frame`, and of features and distances the `points` they are at."""
+    write_arrays(artifact, _normalized(run, shape) if "normalize" in run.config.stages else None, path, frame)
+
+
+def png(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path, frame: FrameName) -> None:
     """A picture of the shape, or all views side by side. Raises ValueError for what has no picture."""
     from PIL import Image
 
@@ -79,7 +99,9 @@ def png(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, 
     Image.fromarray(picture(base, _candidate_colors(run, shape, stage, artifact), PICTURE, found)).save(path)
 
 
-def parquet(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path) -> None:
+def parquet(
+    run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, path: Path, frame: FrameName
+) -> None:
     """Of a prediction or score: the whole run's, as a table. Raises ValueError for anything else."""
     from b23d.stages.workbench.results.tables import prediction_table, score_rows
 
@@ -104,53 +126,46 @@ def contact_sheet(images: np.ndarray, resampling: int | None = None) -> np.ndarr
     return sheet.reshape(lines, ACROSS, size, size, 3).swapaxes(1, 2).reshape(lines * size, ACROSS * size, 3)
 
 
-def _parts(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, suffix: str) -> list[Part]:
-    if isinstance(artifact, NormalizedShape):
-        return [_shape_part(artifact)]
-    normalized = (
-        run.artifact(shape, "normalize")
-        if isinstance(artifact, PointFeatures | GeodesicDistances | Prediction)
-        else None
-    )
-    if not isinstance(normalized, NormalizedShape):
+def _parts(
+    run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, suffix: str, frame: FrameName
+) -> list[Part]:
+    if not isinstance(artifact, NormalizedShape | PointFeatures | GeodesicDistances | Prediction):
         raise ValueError(_refusal(suffix, stage, artifact))
-    if isinstance(artifact, Prediction):
+    normalized = artifact if isinstance(artifact, NormalizedShape) else _normalized(run, shape)
+    if normalized is None:
+        raise ValueError(_refusal(suffix, stage, artifact))
+    if isinstance(artifact, NormalizedShape):
+        parts = [shape_part(artifact)]
+    elif isinstance(artifact, Prediction):
         points = normalized.points
-        base = _shape_part(normalized) if normalized.kind == "mesh" else octahedra("shape", points, _grey(len(points)))
-        return [base, *(_ball(mark) for mark in marks(_entry(run, shape), artifact))]
-    colors = _candidate_colors(run, shape, stage, artifact)
-    assert colors is not None
-    scalars = {}
+        mesh = normalized.kind == "mesh"
+        base = shape_part(original(run, shape, normalized)) if mesh else octahedra("shape", points, _grey(len(points)))
+        parts = [base, *(_ball(mark) for mark in marks(_entry(run, shape), artifact))]
+    else:
+        colors = _candidate_colors(run, shape, stage, artifact)
+        assert colors is not None
+        parts = [Part("candidates", normalized.points, colors, scalars=_scalars(artifact))]
+    return [replace(part, vertices=in_frame(part.vertices, normalized, frame)) for part in parts]
+
+
+def _scalars(artifact: PointFeatures | GeodesicDistances) -> dict[str, np.ndarray]:
     if isinstance(artifact, PointFeatures):
-        scalars = {"count": artifact.counts.astype(np.float32), "observed": artifact.observed.astype(np.float32)}
-    elif isinstance(artifact, GeodesicDistances):
-        scalars = {"distance": artifact.distances[0].astype(np.float32)}
-    return [Part("candidates", normalized.points, colors, scalars=scalars)]
+        return {"count": artifact.counts.astype(np.float32), "observed": artifact.observed.astype(np.float32)}
+    return {"distance": artifact.distances[0].astype(np.float32)}
+
+
+def _normalized(run: Run, shape: str) -> NormalizedShape | None:
+    try:
+        found = run.artifact(shape, "normalize")
+    except ArtifactNotFoundError:
+        return None
+    return found if isinstance(found, NormalizedShape) else None
 
 
 def _candidate_colors(run: Run, shape: str, stage: str, artifact: Artifact) -> np.ndarray | None:
     if isinstance(artifact, PointFeatures):
         return feature_colors(artifact, class_basis(Gathering(run), shape.rsplit("/", 1)[0], stage))
     return distance_colors(artifact) if isinstance(artifact, GeodesicDistances) else None
-
-
-def _shape_part(shape: NormalizedShape) -> Part:
-    if shape.face_uvs is not None and shape.texture is not None:  # corners of their own: a vertex may have several uvs
-        corners = np.arange(3 * len(shape.faces), dtype=np.int32).reshape(-1, 3)
-        vertices = shape.vertices[shape.faces].reshape(-1, 3)
-        uvs = shape.face_uvs.reshape(-1, 2)
-        return Part("shape", vertices, _sampled(shape.texture, uvs), corners, uvs=uvs, texture=shape.texture)
-    colors = shape.vertex_colors if shape.vertex_colors is not None else _grey(len(shape.vertices))
-    faces = shape.faces if shape.kind == "mesh" else np.zeros((0, 3), np.int32)
-    return Part("shape", shape.vertices, colors, faces)
-
-
-def _sampled(texture: np.ndarray, uvs: np.ndarray) -> np.ndarray:
-    """(n, 3) uint8: the texture's pixel at each place (n, 2), origin at the lower left, repeated outside."""
-    rows, columns = texture.shape[:2]
-    column = np.floor(uvs[:, 0] % 1 * columns).astype(np.int64).clip(0, columns - 1)
-    row = np.floor((1 - uvs[:, 1]) % 1 * rows).astype(np.int64).clip(0, rows - 1)
-    return texture[row, column]
 
 
 def _ball(mark: Mark) -> Part:

@@ -43,6 +43,7 @@ def keypoints(
 ) -> None:
     """One row a keypoint: class, shape, id, name, x y z in the file's own coordinates, nearest vertex, face and
     barycentrics, confidence, present."""
+    from b23d.pipeline.inspection import passed_over
     from b23d.stages.workbench.commands.table_files import check_suffix, write_table
     from b23d.stages.workbench.results.keypoints import keypoint_table
 
@@ -62,6 +63,7 @@ def keypoints(
             f"b23d run {run} makes them"
         )
     if out is not None:
+        out = passed_over(out, loaded)
         write_table(table, out)
         shapes = len(table[["class", "shape"]].drop_duplicates())
         said = f"wrote {out}: {len(table)} keypoints of {_count(shapes, 'shape')}"

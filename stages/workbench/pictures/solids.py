@@ -1,4 +1,4 @@
-"""Shapes and keypoints as files that MeshLab and Blender open: PLY written here, GLB by trimesh. Unit frame, +y up."""
+"""Shapes and keypoints as files that MeshLab and Blender open: PLY written here, for its scalars; GLB by trimesh."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from b23d.pipeline.inspection import MARK
 
 RADIUS = 0.012  # of a predicted keypoint, unit frame; annotated ones are smaller, so that both are seen where they meet
 TRUE_RADIUS = 0.008
@@ -27,7 +29,7 @@ class Part:
     scalars: dict[str, np.ndarray] = field(default_factory=dict)
     """Name → (v,) float32."""
     uvs: np.ndarray | None = None
-    """(v, 2), with `texture` (h, w, 3) uint8; GLB only."""
+    """(v, 2), with `texture` (h, w, 3) uint8; GLB and OBJ only."""
     texture: np.ndarray | None = None
 
 
@@ -77,7 +79,7 @@ def write_ply(part: Part, path: Path, comments: list[str]) -> None:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        *(f"comment {line}" for line in comments),
+        *(f"comment {line}" for line in [MARK, *comments]),
         f"element vertex {len(table)}",
     ]
     header += [f"property {TYPES[kind]} {name}" for name, kind in columns]
@@ -95,7 +97,7 @@ def write_glb(parts: list[Part], path: Path) -> None:
     """One named node a part; surfaces as meshes, the rest as points."""
     import trimesh
 
-    scene = trimesh.Scene()
+    scene = trimesh.Scene(metadata={"made_by": MARK})
     for part in parts:
         scene.add_geometry(_geometry(part), node_name=part.name, geom_name=part.name)
     path.write_bytes(scene.export(file_type="glb"))

@@ -11,9 +11,9 @@ from b23d.pipeline.config import feeding
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.plan import Node, Plan, State
 from b23d.pipeline.run import Run
-from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
+from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.workbench.results.placing import Placer
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def keypoint_table(
     final, base = feeding(run.config.file, "optimize"), feeding(run.config.file, "normalize")
     kept, alike = _draws(plan, draws)
     rows: list[dict[str, Any]] = []
-    named: dict[str, dict[int, str]] = {}
+    named = keypoint_names(run.shapes)
     used: dict[str, set[int]] = {}
     waiting = 0
     for done, shape in enumerate(chosen, 1):
@@ -85,13 +85,14 @@ def keypoint_table(
         made = [(draw, node) for draw, node in nodes if node.state is State.CACHED]
         waiting += bool(nodes) and not made
         if made:
-            names = named.setdefault(shape.category, class_names(run, shape.category))
             at = plan.by_shape[base, shape.name, None]
             placer = Placer(shape, run.store.read(base, at.address, NormalizedShape))
             for draw, node in made:
                 used.setdefault(shape.category, set()).update(() if draw is None else (draw,))
                 prediction = run.store.read(final, node.address, Prediction)
-                rows += [{"draw": draw, **row} for row in _rows(shape, prediction, placer, names)]
+                rows += [
+                    {"draw": draw, **row} for row in _rows(shape, prediction, placer, named.get(shape.category, {}))
+                ]
         watch(done, len(chosen))
     shown = {name: sorted(seeds) for name, seeds in used.items()}
     others = {name: [seed for seed in kept[name] if seed not in seeds] for name, seeds in shown.items()}
@@ -113,23 +114,6 @@ def choose(every: list[Shape], shapes: Iterable[str], classes: Iterable[str]) ->
         asked = ", ".join([*wanted, *of])
         raise KeyError(f"shapes: expected some of the {len(every)} in {known}, got none for {asked}; see `b23d list`")
     return found
-
-
-def class_names(run: Run, category: str) -> dict[int, str]:
-    """Id → name of the keypoints of a class, by its annotations; the first that names an id decides."""
-    names: dict[int, str] = {}
-    for shape in run.shapes:
-        leaf = shape.leaves.get("keypoints")
-        if shape.category != category or leaf is None:
-            continue
-        try:
-            found = leaf.load({n: path.read_bytes() for n, path in leaf.files.items()}, {**leaf.values, **leaf.context})
-        except (OSError, ValueError):
-            continue
-        if isinstance(found, Keypoints):
-            given: list[str] = getattr(found, "names", [])
-            names = {**dict(zip(found.ids.tolist(), given, strict=False)), **names}
-    return {number: name for number, name in names.items() if name}
 
 
 def _draws(plan: Plan, wanted: Iterable[int] | None) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
@@ -164,7 +148,7 @@ def _nodes(
 
 def _rows(shape: Shape, found: Prediction, placer: Placer, names: dict[int, str]) -> list[dict[str, Any]]:
     places = placer.place(found.points, found.positions)
-    confidence = found.present_arrays().get("confidence")
+    confidence = found.confidence
     return [
         {
             "class": shape.category,

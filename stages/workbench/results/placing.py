@@ -79,9 +79,8 @@ class Placer:
         """(f, 3) the file's triangles, where cleaning has left some out; None where it has kept all, in order."""
         if not any(self.normalized.repairs.get(name) for name in DROPPING):
             return None
-        leaf = self.shape.leaves["source"]
         try:
-            source = leaf.load({n: p.read_bytes() for n, p in leaf.files.items()}, {**leaf.values, **leaf.context})
+            source = self.shape.leaves["source"].read()
             assert isinstance(source, Source) and source.mesh is not None
             surface = load(source.shape, source.files, source.mesh, colors=False)
         except (OSError, ValueError):
