@@ -66,6 +66,19 @@ def feeding(file: RunFile, upstream: str) -> str:
     return file.feeds.get(upstream, upstream)
 
 
+def needed_for(config: Config, stage: str) -> set[str]:
+    """A stage of the run and all stages that it needs."""
+    found: set[str] = set()
+    waiting = [stage]
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            sources = (feeding(config.file, item.upstream) for item in config.stages[name].inputs)
+            waiting += [source for source in sources if source in config.stages]
+    return found
+
+
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     if path.resolve() in seen:
         raise RunFileError(f"run file {path}: expected `base` to end somewhere, got a circle; remove one `base`")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -21,8 +21,10 @@ from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
 from b23d.pipeline.frontier import Frontier
 from b23d.pipeline.index import Failure, Index
 from b23d.pipeline.members import SUFFIX
-from b23d.pipeline.plan import Node, Plan, State, make_plan
+from b23d.pipeline.plan import Node, Plan, State
+from b23d.pipeline.planning import make_plan
 from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
+from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.pipeline.store import Store
 from b23d.pipeline.tasks import Outcome, Task, make_task
 from b23d.schemas.artifact import Artifact
@@ -72,15 +74,15 @@ class Run:
         folder = Path(self.store.root) if self.store.local else self.folder
         return Index(folder / "index.sqlite")
 
-    def plan(self, limit: int | None = None) -> Plan:
+    def plan(self, selection: Selection = EVERYTHING) -> Plan:
         """What is there and what is missing; nothing is executed."""
-        return make_plan(self.config, self.shapes, self.store, self.index, limit)
+        return make_plan(self.config, self.shapes, self.store, self.index, selection)
 
     def execute(
         self,
         workers: int | None = None,
         scheduler: str | None = None,
-        limit: int | None = None,
+        selection: Selection = EVERYTHING,
         watch: Callable[[Plan, Outcome | None], None] = lambda plan, outcome: None,
         on_start: Callable[[Plan, str], None] = lambda plan, address: None,
     ) -> Report:
@@ -93,7 +95,7 @@ class Run:
         self.store.check_writable()
         self.store.sweep()
         report, executor = Report(), None
-        plan = self.plan(limit)
+        plan = self.plan(selection)
         try:
             while plan.to_run():
                 executor = executor or self._executor(workers, scheduler)
@@ -101,7 +103,8 @@ class Run:
                 failed = self._execute(plan, executor, report, watch)
                 # A shot that cannot be used is replaced by the next in rank: with its failure known, plan once more.
                 shots = {shot.name for draw in plan.draws for shot in draw.shots}
-                again = self.plan(limit)
+                selection = replace(selection, force=False)
+                again = self.plan(selection)
                 if not shots & {failure.shape for failure in failed if failure.permanent}:
                     plan = again
                     break
@@ -172,6 +175,9 @@ class Run:
     def _execute(
         self, plan: Plan, executor: Executor, report: Report, watch: Callable[[Plan, Outcome | None], None]
     ) -> list[Failure]:
+        for node in plan.to_run():
+            if node.forced:
+                self.store.delete(node.stage, node.address)
         frontier, failed = Frontier(plan), []
 
         def next_task() -> Task | None:

@@ -17,6 +17,7 @@ from b23d.pipeline.draws import draw_shots
 from b23d.pipeline.errors import ResourceError
 from b23d.pipeline.plan import State
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import Selection
 from b23d.pipeline.store import Store
 from b23d.schemas.runfile import Shots
 from tests.toy import Numbers, make_toy
@@ -149,7 +150,7 @@ def test_transient_stages_are_not_stored_and_run_inside(tmp_path: Path) -> None:
 
 def test_limit_keeps_the_draws(tmp_path: Path) -> None:
     run = Run.load(make_toy(tmp_path))
-    whole, few = run.plan(), run.plan(limit=2)
+    whole, few = run.plan(), run.plan(Selection(limit=2))
     assert [d.shots for d in whole.draws] == [d.shots for d in few.draws]
     assert few.nodes.keys() < whole.nodes.keys()
 

@@ -15,3 +15,19 @@ StoreUrl = Annotated[str | None, typer.Option("--store", metavar="PATH|URL", hel
 Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable.")]
 Draw = Annotated[int | None, typer.Option("--draw", help="Which draw of shots; default: the first that has it.")]
+Shapes = Annotated[
+    list[str],
+    typer.Option("--shape", metavar="NAME|GLOB|@FILE", help="Only these shapes; repeatable.", show_default=False),
+]
+Classes = Annotated[
+    list[str], typer.Option("--class", metavar="NAME|GLOB", help="Only these classes; repeatable.", show_default=False)
+]
+Stages = Annotated[
+    list[str],
+    typer.Option("--stage", metavar="STAGE", help="Only this stage's tasks; repeatable.", show_default=False),
+]
+Until = Annotated[
+    str | None, typer.Option("--until", metavar="STAGE", help="Up to this stage and no further.", show_default=False)
+]
+OnlyFailed = Annotated[bool, typer.Option("--only-failed", help="Only shapes that failed before.")]
+Force = Annotated[bool, typer.Option("--force", help="Make what is selected again, although it is stored.")]

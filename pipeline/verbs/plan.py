@@ -9,7 +9,19 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.verbs.options import Json, Limit, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.options import (
+    Classes,
+    Force,
+    Json,
+    Limit,
+    OnlyFailed,
+    RunPath,
+    Set,
+    Shapes,
+    Stages,
+    StoreUrl,
+    Until,
+)
 from b23d.pipeline.verbs.terminal import console
 
 SHOWN = 12  # problems that are printed
@@ -19,16 +31,24 @@ def plan(
     run: RunPath,
     set: Set = [],
     store: StoreUrl = None,
+    shape: Shapes = [],
+    category: Classes = [],
     limit: Limit = None,
+    stage: Stages = [],
+    until: Until = None,
+    only_failed: OnlyFailed = False,
+    force: Force = False,
     as_json: Json = False,
     exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
     from b23d.pipeline.projection import project
     from b23d.pipeline.run import Run
+    from b23d.pipeline.selection import Selection
 
+    selection = Selection(tuple(shape), tuple(category), limit, tuple(stage), until, only_failed, force)
     loaded = Run.load(run, set, store)
-    planned = loaded.plan(limit)
+    planned = loaded.plan(selection)
     stages = project(loaded, planned)
     if as_json:
         print(json.dumps({"stages": stages, "problems": [problem.error for problem in planned.problems]}, indent=1))
@@ -36,8 +56,8 @@ def plan(
         table = Table(title=f"plan of {loaded.name}", title_justify="left")
         for column in ("stage", "RUN", "CACHED", "BLOCKED", "MB", "CPU s"):
             table.add_column(column, justify="left" if column == "stage" else "right")
-        for stage, row in stages.items():
-            name = f"{stage} [dim](transient)[/]" if row["transient"] else stage
+        for planned_stage, row in stages.items():
+            name = f"{planned_stage} [dim](transient)[/]" if row["transient"] else planned_stage
             counts = [str(row[key]) if row[key] else "·" for key in ("run", "cached", "blocked")]
             table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
         console.print(table)

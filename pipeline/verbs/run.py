@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from b23d.pipeline.verbs.options import Limit, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.options import Classes, Force, Limit, OnlyFailed, RunPath, Set, Shapes, Stages, StoreUrl, Until
 from b23d.pipeline.verbs.terminal import console, debug
 
 
@@ -20,15 +20,23 @@ def run(
     ] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="URL", help="An existing dask cluster, tcp://…")] = None,
     store: StoreUrl = None,
+    shape: Shapes = [],
+    category: Classes = [],
     limit: Limit = None,
+    stage: Stages = [],
+    until: Until = None,
+    only_failed: OnlyFailed = False,
+    force: Force = False,
 ) -> None:
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
     from b23d.pipeline.progress import RunProgress, stage_table
     from b23d.pipeline.run import Run
+    from b23d.pipeline.selection import Selection
 
+    selection = Selection(tuple(shape), tuple(category), limit, tuple(stage), until, only_failed, force)
     loaded = Run.load(run, set, store)
     with RunProgress(console) as progress:
-        report = loaded.execute(workers, scheduler, limit, progress.watch, progress.start)
+        report = loaded.execute(workers, scheduler, selection, progress.watch, progress.start)
     if report.done:
         console.print(stage_table(report))
     else:

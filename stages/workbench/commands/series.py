@@ -14,6 +14,7 @@ from rich.table import Table
 
 from b23d.pipeline.members import Member
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import Selection
 
 if TYPE_CHECKING:
     from b23d.schemas.scores import ClassScores, ScoreTable
@@ -35,7 +36,7 @@ def run_series(
     for member in members:
         loaded = Run.load(run, member.overrides, store)
         with console.status(f"{escape(member.label)}: running"):
-            report = loaded.execute(workers, limit=limit)
+            report = loaded.execute(workers, selection=Selection(limit=limit))
         ran = (
             ", ".join(sorted({outcome.stage for outcome in report.done}, key=list(loaded.config.stages).index))
             or "nothing"

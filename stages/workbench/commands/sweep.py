@@ -26,6 +26,7 @@ from b23d.pipeline.config import load_config
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import Selection
 
 
 def sweep(
@@ -92,7 +93,7 @@ def execute(
     try:
         loaded = Run.load(run, member.overrides, store)
         with console.status(f"{escape(label)}: running"):
-            report = loaded.execute(workers, limit=limit)
+            report = loaded.execute(workers, selection=Selection(limit=limit))
     except UNUSABLE as error:
         console.print(
             f"[yellow]{escape(label)}: unavailable: {escape(reason_of(error))}[/]", highlight=False, soft_wrap=True

@@ -14,6 +14,7 @@ from b23d.pipeline.errors import B23dError
 from b23d.pipeline.members import VARIANTS, Member
 from b23d.pipeline.plan import Plan
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import Selection
 from b23d.schemas.scores import PartTable, ScoreTable
 from b23d.stages.workbench.results.gathering import failures
 from b23d.stages.workbench.results.summary import costs
@@ -124,7 +125,7 @@ def _system(path: Path, member: Member, store: str | None, limit: int | None) ->
         run = Run.load(path, member.overrides, store)
         if "score_parts" in run.config.stages and "score" not in run.config.stages:
             system = replace(system, kind="parts")
-        plan = run.plan(limit)
+        plan = run.plan(Selection(limit=limit))
     except UNUSABLE as error:
         return replace(system, reason=reason_of(error)), []
     try:

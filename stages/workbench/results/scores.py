@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import Selection
 from b23d.schemas.scores import PartScore, PartTable, ScoreTable, ShapeScore
 
 if TYPE_CHECKING:
@@ -22,9 +23,10 @@ def run_scores(run: Run) -> ScoreTable:
 def score_rows(run: Run, limit: int | None = None) -> list[Row]:
     """Class, draw, shape and score of what a run has scored so far; `limit`: as `Run.plan`'s. Raises ValueError where
     that is nothing."""
-    wanted = (
-        None if limit is None else {(node, draw) for stage, node, draw in run.plan(limit).by_shape if stage == "score"}
-    )
+    wanted = None
+    if limit is not None:
+        planned = run.plan(Selection(limit=limit)).by_shape
+        wanted = {(node, draw) for stage, node, draw in planned if stage == "score"}
     rows: list[Row] = [
         (shape.category, draw, shape.id, found)
         for shape, draw, found in run.collect("score")

@@ -1,0 +1,250 @@
+"""Making a plan: which nodes a run wants, their addresses, and what state each is in."""
+
+from __future__ import annotations
+
+import gc
+
+from b23d.pipeline.address import StageAddress, leaf_address, sha256
+from b23d.pipeline.config import Config, feeding, needed_for
+from b23d.pipeline.dataset import Shape
+from b23d.pipeline.draws import Draw, draw_shots
+from b23d.pipeline.index import Failure, Index
+from b23d.pipeline.plan import MISSING, ByAddress, ByShape, LeafNode, Node, Plan, State
+from b23d.pipeline.selection import EVERYTHING, Selection
+from b23d.pipeline.stage import Input, Stage
+from b23d.pipeline.store import Store
+
+
+def make_plan(
+    config: Config, shapes: list[Shape], store: Store, index: Index, selection: Selection = EVERYTHING
+) -> Plan:
+    """Plan a run over `shapes`; a selection narrows targets and stages (draws and addresses stay what they are).
+
+    Raises SelectionError where it names what the run has not.
+    """
+    collecting = gc.isenabled()
+    gc.disable()  # hundreds of thousands of live objects, no garbage: the collector would take a third of the time
+    try:
+        return _make_plan(config, shapes, store, index, selection)
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _make_plan(config: Config, shapes: list[Shape], store: Store, index: Index, selection: Selection) -> Plan:
+    selection.check_stages(list(config.stages))
+    quarantined = index.quarantined()
+    planner = _Planner(config, store, index, quarantined)
+
+    unusable = _plan_what_needs_no_shots(planner, shapes)
+    draws = draw_shots(shapes, config.file.shots, unusable, planner.shot_leaves())
+    targets = selection.targets(shapes, {failure.shape for failure in quarantined.values()})
+    _plan_targets(planner, draws, targets)
+
+    serving = [draw for draw in draws if not selection.narrows or any(t.name in targets for t in draw.targets)]
+    wanted = targets | {shot.name for draw in serving for shot in draw.shots}
+    by_shape = {key: node for key, node in planner.by_shape.items() if key[1] in wanted}
+    nodes = {(node.stage, node.address): node for node in by_shape.values()}
+    for node in nodes.values():
+        planner.settle(node)
+    by_shape, nodes = _only_selected(config, selection, targets, by_shape, nodes)
+
+    problems = _problems(shapes, draws, planner)
+    index.save_digests()
+    stages = [name for name in config.stages if name in _stages(config, selection)]
+    return Plan(stages, nodes, by_shape, draws, problems)
+
+
+def _plan_what_needs_no_shots(planner: _Planner, shapes: list[Shape]) -> set[str]:
+    """Nodes of every shape up to where shots come in; returns the names of the shapes that cannot be shots."""
+    unusable = {shape.name for shape in shapes if shape.error}
+    stages = [name for name in planner.config.stages if not planner.sees_shots[name]]
+    for shape in shapes:
+        for stage in stages:
+            node = planner.node(stage, shape, None)
+            if node is not None and (node.state is State.BLOCKED or _broken(node, planner.quarantined)):
+                unusable.add(shape.name)
+    return unusable
+
+
+def _plan_targets(planner: _Planner, draws: list[Draw], targets: set[str]) -> None:
+    stages = [name for name in planner.config.stages if planner.sees_shots[name]]
+    for draw in draws:
+        for stage in stages:
+            for shape in draw.targets:
+                if shape.name in targets:
+                    planner.node(stage, shape, draw)
+
+
+def _stages(config: Config, selection: Selection) -> set[str]:
+    if selection.stages:
+        return set(selection.stages)
+    return needed_for(config, selection.until) if selection.until else set(config.stages)
+
+
+def _only_selected(
+    config: Config, selection: Selection, targets: set[str], by_shape: ByShape, nodes: ByAddress
+) -> tuple[ByShape, ByAddress]:
+    """What the selection asks for of settled nodes: some stages only, and to run again where it is forced."""
+    stages = _stages(config, selection)
+    chosen = {key: node for key, node in by_shape.items() if key[0] in stages}
+    kept = {(node.stage, node.address): node for node in chosen.values()}
+    if selection.force:
+        forced = {(node.stage, node.address) for (_, shape, _), node in chosen.items() if shape in targets}
+        for node in (kept[key] for key in kept if key in forced):
+            if node.state is State.CACHED:
+                node.state, node.forced = State.RUN, True
+    if selection.stages:
+        for node in kept.values():
+            if node.state is State.RUN and (missing := _missing_above(node, kept)):
+                node.state = State.BLOCKED
+                node.reason = (
+                    f"{node.shape}: {node.stage} needs {missing}, which is not stored; use --until {node.stage}"
+                )
+    return chosen, kept
+
+
+def _missing_above(node: Node, kept: ByAddress) -> str | None:
+    """A stage above that would have to run first and is not among those kept, looking through transient stages."""
+    for above in node.upstream():
+        if isinstance(above, LeafNode) or above.state is State.CACHED:
+            continue
+        if above.state is State.TRANSIENT:
+            if missing := _missing_above(above, kept):
+                return missing
+        elif (above.stage, above.address) not in kept:
+            return above.stage
+    return None
+
+
+def _problems(shapes: list[Shape], draws: list[Draw], planner: _Planner) -> list[Failure]:
+    """What is wrong before anything runs: unusable shapes, draws without shots, files that cannot be read."""
+    listed = [Failure("source", shape.name, MISSING, shape.error, True) for shape in shapes if shape.error]
+    undrawn = [
+        Failure("draw", f"{draw.category} (draw {draw.seed})", MISSING, f"ValueError: {draw.error}", True)
+        for draw in draws
+        if draw.error
+    ]
+    lost = {shape: leaf.error for (shape, _), leaf in planner.leaves.items() if leaf.error}
+    unread = [Failure("source", shape, MISSING, error, True) for shape, error in lost.items()]
+    return [*listed, *undrawn, *unread]
+
+
+class _Planner:
+    def __init__(self, config: Config, store: Store, index: Index, quarantined: dict[str, Failure]) -> None:
+        self.config, self.index, self.quarantined = config, index, quarantined
+        self.present = {name: store.addresses(name) for name in config.stages}
+        self.nodes: dict[tuple[str, str], Node] = {}
+        self.by_shape: dict[tuple[str, str, int | None], Node] = {}
+        self.leaves: dict[tuple[str, str], LeafNode] = {}
+        self.of_shots: dict[tuple[str, str, int], list[Node | LeafNode] | None] = {}
+        self.sources = {
+            s: {i.name: feeding(config.file, i.upstream) for i in stage.inputs} for s, stage in config.stages.items()
+        }
+        self.sees_shots: dict[str, bool] = {}
+        self.makers: dict[str, StageAddress] = {}
+        self.fingerprints: dict[str, dict[str, str]] = {}
+        for name, stage in config.stages.items():
+            params = config.params[name]
+            upstream_sees = any(self.sees_shots.get(source, False) for source in self.sources[name].values())
+            self.sees_shots[name] = upstream_sees or any(item.per_shot for item in stage.inputs)
+            self.makers[name] = StageAddress(name, stage.version, params.hashed())
+            self.fingerprints[name] = dict(stage.fingerprint(params)) if stage.fingerprint else {}
+
+    def node(self, name: str, shape: Shape, draw: Draw | None) -> Node | None:
+        """The node of (stage, shape, draw); None where the shape lacks a leaf that the stage needs."""
+        key = (name, shape.name, draw.seed if draw and self.sees_shots[name] else None)
+        if key in self.by_shape:
+            return self.by_shape[key]
+        stage = self.config.stages[name]
+        inputs: dict[str, Node | LeafNode | list[Node | LeafNode] | None] = {}
+        for item in stage.inputs:
+            value = self._input(stage, item, shape, draw)
+            if value is None and not item.optional:
+                return None
+            inputs[item.name] = value
+        addresses = {argument: _address(value) for argument, value in inputs.items() if value is not None}
+        address = self.makers[name]({**addresses, **self.fingerprints[name]})
+        node = self.nodes.get((name, address))
+        if node is None:
+            shots = tuple(shot.name for shot in draw.shots) if key[2] is not None and draw else ()
+            node = self.nodes[name, address] = Node(name, shape.name, shape.category, address, inputs, shots=shots)
+            if shape.error and not all(item.per_shot for item in stage.inputs):
+                node.state, node.reason = State.BLOCKED, shape.error
+        if key[2] is not None and key[2] not in node.draws:
+            node.draws.append(key[2])
+        self.by_shape[key] = node
+        return node
+
+    def shot_leaves(self) -> set[str]:
+        """The leaves that this run's stages must have of every shot: what makes a shape an annotated one."""
+        asked = [
+            (name, i)
+            for name, stage in self.config.stages.items()
+            for i in stage.inputs
+            if i.per_shot and not i.optional
+        ]
+        return {self.sources[name][item.name] for name, item in asked} - self.config.stages.keys()
+
+    def settle(self, node: Node) -> None:
+        """Decide a node's state; upstream nodes are settled before."""
+        if node.address in self.present[node.stage]:
+            node.state = State.CACHED
+            return
+        for above in node.upstream():
+            if isinstance(above, LeafNode):
+                if above.error:
+                    node.state, node.reason = State.BLOCKED, above.error
+            elif above.state is State.BLOCKED:
+                node.state, node.reason = State.BLOCKED, above.reason
+            elif above.state is not State.CACHED and above.address in self.quarantined:
+                node.state, node.reason = State.BLOCKED, self.quarantined[above.address].error
+        if node.state is State.RUN and node.stage in self.config.file.store.transient:
+            node.state = State.TRANSIENT
+
+    def _input(
+        self, stage: Stage, item: Input, shape: Shape, draw: Draw | None
+    ) -> Node | LeafNode | list[Node | LeafNode] | None:
+        source = self.sources[stage.name][item.name]
+        if not item.per_shot:
+            return self._upstream(source, shape, draw)
+        if draw is None:
+            return None
+        key = (source, draw.category, draw.seed)
+        if key not in self.of_shots:  # the same for thousands of targets
+            found = [self._upstream(source, shot, None) for shot in draw.shots]
+            self.of_shots[key] = (
+                None if any(value is None for value in found) else [value for value in found if value is not None]
+            )
+        return self.of_shots[key]
+
+    def _upstream(self, source: str, shape: Shape, draw: Draw | None) -> Node | LeafNode | None:
+        if source in self.config.stages:
+            return self.node(source, shape, draw)
+        return self._leaf(source, shape)
+
+    def _leaf(self, name: str, shape: Shape) -> LeafNode | None:
+        leaf = shape.leaves.get(name)
+        if leaf is None:
+            return None
+        key = (shape.name, name)
+        if key not in self.leaves:
+            try:
+                files = {file: self.index.file_digest(path) for file, path in leaf.files.items()}
+                self.leaves[key] = LeafNode(leaf, leaf_address(leaf.values, files))
+            except (OSError, ValueError) as error:
+                self.leaves[key] = LeafNode(
+                    leaf, sha256(f"{MISSING}:{shape.name}"), f"{type(error).__name__}: {shape.name}: {error}"
+                )
+        return self.leaves[key]
+
+
+def _address(value: Node | LeafNode | list[Node | LeafNode]) -> str | list[str]:
+    return [item.address for item in value] if isinstance(value, list) else value.address
+
+
+def _broken(node: Node, quarantined: dict[str, Failure]) -> bool:
+    failure = quarantined.get(node.address)
+    return (failure is not None and failure.permanent) or any(
+        isinstance(above, LeafNode) and above.error for above in node.upstream()
+    )
