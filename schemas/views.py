@@ -8,7 +8,7 @@ unit frame has camera coordinates `c = world_to_camera[:3, :3] @ p + world_to_ca
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -31,12 +31,25 @@ class Views(Artifact):
 
 
 class ViewTokens(Artifact):
-    """Patch tokens of every view. The grid covers the whole image: token (i, j) is centred at
-    `((j + .5) * columns / grid, (i + .5) * rows / grid)` pixels of the view."""
+    """Tokens of those patches of every view that show the shape (or of all of them), view by view and row by row.
 
-    tokens: Annotated[np.ndarray, ArraySpec("view i j channel", "float16", sharded=True)]
+    The patch grid covers the whole image: patch (i, j) is centred at `((j + .5) * columns / grid, (i + .5) * rows /
+    grid)` pixels of the view.
+    """
+
+    tokens: Annotated[np.ndarray, ArraySpec("m channel", "float16")]
+    rows: Annotated[np.ndarray, ArraySpec("view i j", "int32", unit="row of tokens", sharded=True)]
+    """The token that stands for each patch: its own, or, where it has none, that of its view's nearest patch."""
+    kept: Annotated[np.ndarray, ArraySpec("view i j", "bool", sharded=True)]
+    """Whether the patch has a token of its own."""
     class_tokens: Annotated[np.ndarray, ArraySpec("view channel", "float16")] | None = None
     """None for encoders that have none (SAM, EfficientNet)."""
     encoder: str
     weights: str
     """sha256 of the weights."""
+
+    def grid(self, views: Any = slice(None)) -> np.ndarray:
+        """Tokens of some views (default: all) as a full grid, float16 (view, i, j, channel): a patch without its own
+        has its view's nearest."""
+        grid: np.ndarray = self.tokens[self.rows[views]]
+        return grid

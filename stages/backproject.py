@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import NonNegativeFloat, PositiveInt
+from pydantic import NonNegativeFloat
 
 from b23d.pipeline.stage import stage
 from b23d.schemas.features import PointFeatures
-from b23d.schemas.params import Params, Unhashed
+from b23d.schemas.params import Params
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.geometry.cameras import project
@@ -28,8 +28,6 @@ class BackprojectParams(Params):
     sample: Literal["nearest", "bilinear"] = "bilinear"
     """method.md row 19: the token of the patch a point falls in, or interpolated between the four nearest patches'
     centres."""
-    batch: Annotated[PositiveInt, Unhashed()] = 16
-    """Views summed at a time; the result does not depend on it but for roundings."""
 
 
 @stage(version=1)
@@ -40,10 +38,10 @@ def backproject(
 
     Raises ValueError where views and tokens are not equally many.
     """
-    if len(render.depth) != len(extract.tokens):
+    if len(render.depth) != len(extract.rows):
         raise ValueError(
-            f"tokens: expected those of {len(render.depth)} views, got {len(extract.tokens)}; "
-            "extract them from these views"
+            f"tokens: expected those of {len(render.depth)} views, got {len(extract.rows)}; extract them from these "
+            "views"
         )
     points = normalize.points.astype(np.float64)
     pixels, depths = project(points, render.world_to_camera, render.intrinsics)
@@ -53,12 +51,9 @@ def backproject(
     else:
         seen = by_face(render.face_ids, *_faces(normalize)) & in_frame(pixels, depths, rows, columns)
     counts = seen.sum(axis=0, dtype=np.int32)
-    grid = extract.tokens.shape[1:3]
+    grid = extract.rows.shape[1:]
     places = pixels[..., ::-1] * (grid[0] / rows, grid[1] / columns)  # in tokens: (0, 0) is the image's corner
-    sums = np.zeros((len(points), extract.tokens.shape[3]), np.float32)
-    for start in range(0, len(seen), params.batch):
-        views = slice(start, start + params.batch)
-        sums += _sums(seen[views], places[views], extract.tokens[views], params.sample)
+    sums = _sums(seen, places, extract.rows, extract.tokens, params.sample)
     return PointFeatures(
         features=(sums / np.maximum(counts, 1)[:, None]).astype(np.float16),
         counts=counts,
@@ -78,32 +73,31 @@ def _faces(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(len(shape.vertices))[:, None], cKDTree(shape.vertices).query(shape.points)[1]
 
 
-def _sums(seen: np.ndarray, places: np.ndarray, tokens: np.ndarray, sample: str) -> np.ndarray:
-    """(n, channel) float32: for every point the sum, over these views that see it (view, n), of their tokens at
-    `places`.
+def _sums(seen: np.ndarray, places: np.ndarray, rows: np.ndarray, tokens: np.ndarray, sample: str) -> np.ndarray:
+    """(n, channel) float32: for every point the sum, over the views that see it (view, n), of their tokens at `places`.
 
-    One sparse product: a row per point, a column per token of these views, four weights per view that sees the point.
+    One sparse product: a row per point, a column per token, up to four weights per view that sees the point.
     """
     from scipy.sparse import csr_array
 
-    views, rows, columns, channels = tokens.shape
+    _, height, width = rows.shape
     point, view = np.nonzero(seen.T)
     place = places[view, point]
     if sample == "nearest":
-        corner = np.minimum(np.floor(place), (rows - 1, columns - 1)).astype(np.int64)
+        corner = np.minimum(np.floor(place), (height - 1, width - 1)).astype(np.int64)
         weights, row, column = np.ones((len(point), 1), np.float32), corner[:, :1], corner[:, 1:]
     else:
         # from the upper left token's centre; beyond the outermost centres the outermost token holds
-        place = np.clip(place - 0.5, 0, (rows - 1, columns - 1))
-        corner = np.minimum(np.floor(place), np.maximum((rows - 2, columns - 2), 0)).astype(np.int64)
+        place = np.clip(place - 0.5, 0, (height - 1, width - 1))
+        corner = np.minimum(np.floor(place), np.maximum((height - 2, width - 2), 0)).astype(np.int64)
         (down, right), (row, column) = (place - corner).T, corner.T
         weights = np.stack([(1 - down) * (1 - right), (1 - down) * right, down * (1 - right), down * right], axis=1)
-        row = np.minimum(row[:, None] + (0, 0, 1, 1), rows - 1)
-        column = np.minimum(column[:, None] + (0, 1, 0, 1), columns - 1)
-    indices = (view[:, None] * rows + row) * columns + column
+        row = np.minimum(row[:, None] + (0, 0, 1, 1), height - 1)
+        column = np.minimum(column[:, None] + (0, 1, 0, 1), width - 1)
+    indices = rows[view[:, None], row, column]
     starts = np.concatenate([[0], np.cumsum(seen.sum(axis=0) * weights.shape[1])])
     matrix = csr_array(
-        (weights.astype(np.float32).ravel(), indices.ravel(), starts), shape=(seen.shape[1], views * rows * columns)
+        (weights.astype(np.float32).ravel(), indices.ravel(), starts), shape=(seen.shape[1], len(tokens))
     )
-    sums: np.ndarray = matrix @ tokens.reshape(-1, channels).astype(np.float32)
+    sums: np.ndarray = matrix @ tokens.astype(np.float32)
     return sums

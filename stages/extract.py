@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from b23d.pipeline.stage import Hints, stage
@@ -43,10 +44,19 @@ class ExtractParams(Params):
     own."""
     class_token: bool = True
     """Keep the class token (SigLIP's pooled head output), which retrieval uses; SAM and EfficientNet have none."""
+    tokens: Literal["foreground", "all"] = "foreground"
+    """Which patches count. "foreground": those that show any of the shape, so that a transformer never sees the other
+    two thirds, but for `background` of them. Convolutions and SAM's windows need the whole picture: they keep tokens of
+    the foreground and of the patches around it, and these are the same as with "all"."""
+    background: int = Field(8, ge=0)
+    """"foreground": how many patches of the background, at random, a transformer sees besides; up to seven more fill a
+    multiple of eight. Their tokens are not kept."""
+    seed: int = Field(0, ge=0)
+    """Of their choice."""
     precision: Literal["auto", "bf16", "fp32"] = "auto"
-    """Of the arithmetic. auto: bf16 autocast for transformers on machines that are fast at it (AMX, AVX-512 bf16,
-    CUDA), else fp32; convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999),
-    so that results of `auto` agree between machines only to that; give fp32 for agreement to float16's rounding."""
+    """Of weights and arithmetic. auto: bf16 for transformers on machines that are fast at it (AMX, AVX-512 bf16, CUDA),
+    else fp32; convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999), so that
+    results of `auto` agree between machines only to that; give fp32 for agreement to float16's rounding."""
 
     @field_validator("encoder")
     @classmethod
@@ -69,17 +79,18 @@ def weights_digest(params: ExtractParams) -> dict[str, str]:
     return find_checkpoint(params.encoder, params.weights, params.weights_sha256).digests()
 
 
-@stage(version=1, hints=Hints(gpu="useful", memory_gb=2), fingerprint=weights_digest)
+@stage(version=2, hints=Hints(gpu="useful", memory_gb=2), fingerprint=weights_digest)
 def extract(render: Views, params: ExtractParams) -> ViewTokens:
     """Encode every view.
 
-    Tokens cover the whole image as `ViewTokens` says, whatever size it is resized to. On a CUDA device if there is one.
-    How many views go through at once never changes the result beyond rounding.
+    Patches cover the whole image as `ViewTokens` says, whatever size it is resized to. On a CUDA device if there is
+    one. How many views go through at once never changes the result beyond rounding.
 
     Raises FileNotFoundError and ValueError as `weights_digest`; ValueError where blocks, layernorm or input_size are
     not the encoder's, or a token exceeds float16's range.
     """
     from b23d.stages.encoders.load import load_encoder
+    from b23d.stages.encoders.patches import foreground_patches, nearest_kept, with_background, with_ring
 
     encoder = load_encoder(
         find_checkpoint(params.encoder, params.weights, params.weights_sha256),
@@ -88,6 +99,18 @@ def extract(render: Views, params: ExtractParams) -> ViewTokens:
         params.input_size,
         params.precision,
     )
-    tokens, class_tokens = encoder.encode(render.images)
-    kept = class_tokens if params.class_token else None
-    return ViewTokens(tokens=tokens, class_tokens=kept, encoder=params.encoder, weights=encoder.weights)
+    if params.tokens == "all":
+        seen = kept = np.ones((len(render.images), *encoder.grid), bool)
+    else:
+        foreground = foreground_patches(render.face_ids, encoder.grid)
+        kept = with_ring(foreground) if encoder.whole else foreground
+        seen = kept if encoder.whole else with_background(foreground, params.background, params.seed)
+    tokens, class_tokens = encoder.encode(render.images, seen)
+    return ViewTokens(
+        tokens=tokens[kept[seen]],
+        rows=nearest_kept(kept),
+        kept=kept,
+        class_tokens=class_tokens if params.class_token else None,
+        encoder=params.encoder,
+        weights=encoder.weights,
+    )

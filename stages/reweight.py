@@ -66,8 +66,8 @@ def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: Re
     largest = float(np.abs(smoothed).max(initial=0))
     if not largest <= HALF:
         raise ValueError(
-            f"smoothed features: expected at most {HALF:.0f}, which float16 holds, got {largest:.3g}; "
-            "lower sigma or batches, or normalise"
+            f"smoothed features: expected at most {HALF:.0f}, which float16 holds, got {largest:.3g}; lower sigma or "
+            "batches, or normalise"
         )
     return PointFeatures(
         features=smoothed.astype(np.float16),

@@ -15,6 +15,7 @@ from b23d.schemas.features import PointFeatures
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.backproject import BackprojectParams, backproject
+from b23d.stages.encoders.patches import nearest_kept
 from b23d.stages.extract import ExtractParams, extract
 from b23d.stages.geometry.cameras import project
 from b23d.stages.render import RenderParams, render
@@ -44,7 +45,15 @@ def sampled(mesh: trimesh.Trimesh, count: int = 500) -> NormalizedShape:
 
 
 def token_views(tokens: np.ndarray, class_tokens: np.ndarray | None = None) -> ViewTokens:
-    return ViewTokens(tokens=tokens.astype(np.float16), class_tokens=class_tokens, encoder="test", weights="none")
+    kept = np.ones(tokens.shape[:3], bool)
+    return ViewTokens(
+        tokens=tokens.reshape(-1, tokens.shape[-1]).astype(np.float16),
+        rows=nearest_kept(kept),
+        kept=kept,
+        class_tokens=class_tokens,
+        encoder="test",
+        weights="none",
+    )
 
 
 def noise(views: Views, channels: int = 5, grid: int = 7) -> ViewTokens:
@@ -201,7 +210,7 @@ def test_counts_times_features_is_the_sum() -> None:
     pixels, _ = project(mesh.points.astype(float), views.world_to_camera, views.intrinsics)
     visible = seen(mesh, views)
     column, row = np.moveaxis((pixels // 32).astype(int), 2, 0)
-    picked = tokens.tokens[np.arange(len(visible))[:, None], row, column].astype(float) * visible[..., None]
+    picked = tokens.grid()[np.arange(len(visible))[:, None], row, column].astype(float) * visible[..., None]
     np.testing.assert_allclose(whole.features * whole.counts[:, None].astype(float), picked.sum(axis=0), atol=0.02)
     np.testing.assert_array_equal(whole.observed, whole.counts > 0)
     assert whole.class_token is not None
@@ -217,16 +226,12 @@ def small_torus() -> tuple[NormalizedShape, Views, ViewTokens]:
 
 
 @settings(max_examples=10, deadline=None)
-@given(st.permutations(range(14)), st.integers(1, 20))
-def test_neither_the_order_of_views_nor_the_batch_matters(order: list[int], batch: int) -> None:
+@given(st.permutations(range(14)))
+def test_the_order_of_views_does_not_matter(order: list[int]) -> None:
     mesh, views, tokens = small_torus()
-    a = backproject(mesh, views, tokens, BackprojectParams(batch=14))
-    b = backproject(mesh, permuted(views, order), permuted(tokens, order), BackprojectParams(batch=batch))
+    a = backproject(mesh, views, tokens, BackprojectParams())
+    b = backproject(mesh, permuted(views, order), permuted(tokens, order), BackprojectParams())
     close(a, b)
-
-
-def test_the_batch_enters_no_address() -> None:
-    assert BackprojectParams(batch=1).hashed() == BackprojectParams(batch=62).hashed()
 
 
 def permuted(of: Of, order: list[int]) -> Of:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from b23d.stages.encoders.interface import Encoder, Pixels
+from b23d.stages.encoders.encoder import Encoder
+from b23d.stages.encoders.interface import Pixels
 from b23d.stages.encoders.load import load_encoder
 from b23d.stages.encoders.weights import find_checkpoint
 from tests.tiny_checkpoints import TINY, library, save
@@ -45,6 +46,16 @@ def images(count: int, size: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (count, size, size, 3), dtype=np.uint8)
 
 
+def grids(encoder: Encoder, views: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Tokens of all patches, (view, i, j, channel), and class tokens."""
+    tokens, classes = encoder.encode(views)
+    return tokens.reshape(len(views), *encoder.grid, encoder.channels), classes
+
+
+def prepared(pixels: Pixels, views: np.ndarray) -> torch.Tensor:
+    return pixels.normalized(pixels.resized(torch.from_numpy(views)))
+
+
 def close(got: np.ndarray, expected: torch.Tensor, tolerance: float = 2e-3) -> None:
     """float16 against float32: relative to the largest value."""
     assert got.shape == expected.shape
@@ -56,7 +67,7 @@ def close(got: np.ndarray, expected: torch.Tensor, tolerance: float = 2e-3) -> N
 @pytest.mark.parametrize("family", TINY)
 def test_default_tokens_are_the_librarys(folders: dict[str, Path], family: str) -> None:
     encoder, views = tiny(folders, family), images(3, TINY[family].size)
-    tokens, classes = encoder.encode(views)
+    tokens, classes = grids(encoder, views)
     _, expected, expected_class = library(family, folders[family], views)
     assert (
         tokens.dtype == np.float16
@@ -75,7 +86,7 @@ def test_blocks_are_the_librarys_hidden_states(folders: dict[str, Path], family:
     wanted = (3, 4) if family == "efficientnet" else (0, 1)
     views = images(2, TINY[family].size)
     states, _, _ = library(family, folders[family], views)
-    close(tiny(folders, family, wanted, norm).encode(views)[0], torch.cat([states[block] for block in wanted], -1))
+    close(grids(tiny(folders, family, wanted, norm), views)[0], torch.cat([states[block] for block in wanted], -1))
 
 
 @pytest.mark.parametrize("family", [*(family for family in TINY if family != "efficientnet"), *EMBEDDED])
@@ -86,7 +97,7 @@ def test_token_ij_is_about_patch_ij(folders: dict[str, Path], family: str) -> No
     plain = np.full((1, size, size, 3), 120, np.uint8)
     marked = plain.copy()
     marked[:, row * patch : (row + 1) * patch, column * patch : (column + 1) * patch] = (255, 30, 0)
-    change = np.linalg.norm(encoder.encode(marked)[0].astype(float) - encoder.encode(plain)[0], axis=-1)[0]
+    change = np.linalg.norm(grids(encoder, marked)[0].astype(float) - grids(encoder, plain)[0], axis=-1)[0]
     assert np.unravel_index(change.argmax(), change.shape) == (row, column)
 
 
@@ -95,7 +106,7 @@ def test_another_input_size_interpolates_positions(folders: dict[str, Path], fam
     own = tiny(folders, family)
     patch = own.input_size // own.grid[0]
     larger = tiny(folders, family, input_size=own.input_size + 2 * patch)
-    tokens, _ = larger.encode(images(1, own.input_size))
+    tokens, _ = grids(larger, images(1, own.input_size))
     assert larger.grid == (own.grid[0] + 2,) * 2 == tokens.shape[1:3] and np.isfinite(tokens).all()
 
 
@@ -196,7 +207,8 @@ def test_resizing_is_pils() -> None:
         (224, "bicubic", Image.Resampling.BICUBIC),
         (500, "bilinear", Image.Resampling.BILINEAR),
     ):
-        got = Pixels(size, (0.0,) * 3, (1.0,) * 3, mode).prepare(torch.from_numpy(view))[0].permute(1, 2, 0)  # type: ignore[arg-type]
+        pixels = Pixels(size, (0.0,) * 3, (1.0,) * 3, mode)  # type: ignore[arg-type]
+        got = prepared(pixels, view)[0].permute(1, 2, 0)
         error = np.abs(got.numpy() - np.asarray(Image.fromarray(view[0]).resize((size, size), resampling), np.float32))
         assert error.max() <= 2 and error.mean() < 0.1  # each of the two passes rounds
 
@@ -213,9 +225,7 @@ def test_efficientnet_normalises_twice_as_its_processor(folders: dict[str, Path]
     pixels = load_encoder(find_checkpoint("test/b", tmp_path)).backbone.pixels
     view = images(1, 96)
     expected = torch.as_tensor(np.asarray(processor(view[0])["pixel_values"][0]))
-    torch.testing.assert_close(
-        pixels.prepare(torch.from_numpy(view))[0], expected.to(torch.float32), atol=1e-4, rtol=1e-4
-    )
+    torch.testing.assert_close(prepared(pixels, view)[0], expected.to(torch.float32), atol=1e-4, rtol=1e-4)
 
 
 def test_bf16_is_near() -> None:
@@ -224,8 +234,22 @@ def test_bf16_is_near() -> None:
         embedded("saliency-vit-s14", precision=precision).encode(view)[0].astype(np.float64)
         for precision in ("fp32", "bf16")
     )
-    cosine = (exact * rough).sum(-1) / np.linalg.norm(exact, axis=-1) / np.linalg.norm(rough, axis=-1)
+    cosine = cosines(exact, rough)
     assert cosine.min() > 0.998 and cosine.mean() > 0.9995
+
+
+def cosines(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    a, b = a.astype(np.float64), b.astype(np.float64)
+    return np.asarray((a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1))
+
+
+@pytest.mark.parametrize("family", TINY)
+def test_every_family_runs_in_bf16(folders: dict[str, Path], family: str) -> None:
+    exact, views = tiny(folders, family), images(2, TINY[family].size)
+    rough = load_encoder(
+        find_checkpoint(f"test/{family}", folders[family]), input_size=exact.input_size, precision="bf16"
+    )
+    assert cosines(exact.encode(views)[0], rough.encode(views)[0]).mean() > 0.99
 
 
 def scene() -> np.ndarray:
@@ -244,7 +268,7 @@ def test_lite0_knows_what_it_was_trained_on() -> None:
 
     network = load_network(find_checkpoint("efficientnet-lite0").path)
     with torch.inference_mode():
-        x = PIXELS.prepare(torch.from_numpy(scene()))
+        x = prepared(PIXELS, scene())
         logits = network(x)
         fused = network.fuse()(x)
     assert logits.argmax(1).tolist() == [549, 722]  # ImageNet: envelope, ping-pong ball
@@ -288,11 +312,11 @@ def test_saliency_vit_is_the_onnx_graph() -> None:
         [tensor for tensor in graph.initializer if tensor.name in needed],
     )
     view = images(1, 224)
-    x = encoder.backbone.pixels.prepare(torch.from_numpy(view))
+    x = prepared(encoder.backbone.pixels, view)
     (expected,) = ReferenceEvaluator(
         onnx.helper.make_model(block9, opset_imports=[onnx.helper.make_opsetid("", 14)])
     ).run(None, {"input_image": x.contiguous().numpy()})
     with torch.inference_mode():
         patches, first = encoder.backbone.network(x)
     np.testing.assert_allclose(first.numpy(), expected[:, 0], atol=5e-5)
-    np.testing.assert_allclose(patches.flatten(1, 2).numpy(), expected[:, 1:], atol=5e-5)
+    np.testing.assert_allclose(patches.numpy(), expected[:, 1:], atol=5e-5)

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from b23d.pipeline.stage import STAGES
 from b23d.schemas.views import Views
-from b23d.stages.encoders.names import EMBEDDED, HUB, known_name
+from b23d.stages.encoders.names import LITE0, known_name, short_names
 from b23d.stages.encoders.weights import find_checkpoint
 from b23d.stages.extract import ExtractParams, extract, weights_digest
 from tests.tiny_checkpoints import save
@@ -52,7 +52,7 @@ def views(count: int = 2, size: int = 70) -> Views:
 def test_gives_tokens_of_every_view(dino: Path) -> None:
     params = ExtractParams(encoder="test/tiny", weights=dino, input_size=70, precision="fp32")
     result = extract(views(3), params)
-    assert result.tokens.shape == (3, 5, 5, 32) and result.tokens.dtype == np.float16
+    assert result.grid().shape == (3, 5, 5, 32) and result.tokens.dtype == np.float16
     assert result.class_tokens is not None and result.class_tokens.shape == (3, 32)
     assert (
         result.encoder == "test/tiny"
@@ -68,14 +68,14 @@ def test_gives_tokens_of_every_view(dino: Path) -> None:
 def test_default_needs_nothing_further() -> None:
     result = extract(views(1, 224), ExtractParams())
     assert (
-        result.tokens.shape == (1, 14, 14, 112)
+        result.grid().shape == (1, 14, 14, 112)
         and result.class_tokens is None
         and result.encoder == "efficientnet-lite0"
     )
 
 
 def test_views_of_any_size_are_resized_whole() -> None:
-    assert extract(views(1, 100), ExtractParams()).tokens.shape == (1, 14, 14, 112)
+    assert extract(views(1, 100), ExtractParams()).grid().shape == (1, 14, 14, 112)
 
 
 def test_address_has_digests_but_no_paths(dino: Path, tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_one_encoder_has_one_name() -> None:
     assert (
         known_name("facebook/dinov2-small") == "dinov2-small" == ExtractParams(encoder="facebook/dinov2-small").encoder
     )
-    assert all(known_name(name) == name for name in (*EMBEDDED, *HUB)) and known_name("someone/else") == "someone/else"
+    assert all(known_name(name) == name for name in short_names()) and known_name("someone/else") == "someone/else"
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_hub_cache_is_found(dino: Path, offline: Path) -> None:
     (repository / "refs" / "main").write_text("0123abc")
     from_hub = ExtractParams(encoder="dinov2-small", input_size=70)
     assert weights_digest(from_hub) == weights_digest(ExtractParams(encoder="test/tiny", weights=dino))
-    assert extract(views(), from_hub).tokens.shape == (2, 5, 5, 32)
+    assert extract(views(), from_hub).grid().shape == (2, 5, 5, 32)
     (repository / "snapshots" / "0123abc" / "model.safetensors").unlink()
     with pytest.raises(FileNotFoundError):
         weights_digest(from_hub)
@@ -215,4 +215,4 @@ print([name for name in ("torch", "transformers", "huggingface_hub", "onnx", "im
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1]
     )
-    assert done.stdout.split("\n")[:2] == [EMBEDDED["efficientnet-lite0"].sha256, "[]"]
+    assert done.stdout.split("\n")[:2] == [LITE0.sha256, "[]"]

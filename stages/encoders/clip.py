@@ -19,17 +19,14 @@ class Clip(Blocks):
     """Patch tokens of the blocks wanted, as they are or after the final layer norm; the class token always after it, as
     CLIP has it."""
 
-    def __init__(
-        self, model: Any, blocks: tuple[int, ...], layernorm: bool, grid: tuple[int, int], interpolate: bool
-    ) -> None:
-        super().__init__(model, blocks)
-        self.norm, self.layernorm = self.named("post_layernorm"), layernorm
-        self.grid, self.interpolate = grid, interpolate
+    def __init__(self, model: Any, blocks: tuple[int, ...], layernorm: bool, interpolate: bool) -> None:
+        super().__init__(model, blocks, prefix=1)
+        self.norm, self.layernorm, self.interpolate = self.named("post_layernorm"), layernorm, interpolate
 
-    def forward(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
-        taken, _ = self.run(pixels, interpolate_pos_encoding=self.interpolate)
+    def forward(self, pixels: Tensor, kept: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        taken, _ = self.run(pixels, kept, interpolate_pos_encoding=self.interpolate)
         patches = torch.cat([self.norm(one[:, 1:]) if self.layernorm else one[:, 1:] for one in taken], -1)
-        return patches.unflatten(1, self.grid), torch.cat([self.norm(one[:, 0]) for one in taken], -1)
+        return patches, torch.cat([self.norm(one[:, 0]) for one in taken], -1)
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
@@ -42,7 +39,7 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     blocks = blocks_taken(checkpoint.encoder, settings.blocks, config.num_hidden_layers, config.num_hidden_layers - 1)
     size = size_taken(checkpoint.encoder, settings.input_size, config.image_size, config.patch_size)
     grid = (size // config.patch_size, size // config.patch_size)
-    network = Clip(model, blocks, bool(settings.layernorm), grid, interpolate=size != config.image_size)
+    network = Clip(model, blocks, bool(settings.layernorm), interpolate=size != config.image_size)
     pixels = pixels_of(checkpoint, size, MEAN, STD)
     return Backbone(
         network, pixels, grid, config.hidden_size * len(blocks), class_token=True, likes_bf16=True, batch=BATCH

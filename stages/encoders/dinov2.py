@@ -23,18 +23,15 @@ NORMS = {"dinov2": "layernorm", "dinov2_with_registers": "layernorm", "dinov3_vi
 class Dino(Blocks):
     """Patch tokens and class token of the blocks wanted, each block's after the final layer norm if so set."""
 
-    def __init__(self, model: Any, blocks: tuple[int, ...], layernorm: bool, grid: tuple[int, int]) -> None:
-        super().__init__(model, blocks)
+    def __init__(self, model: Any, blocks: tuple[int, ...], layernorm: bool) -> None:
+        super().__init__(model, blocks, prefix=1 + getattr(model.config, "num_register_tokens", 0))
         self.norm = self.named(NORMS[model.config.model_type]) if layernorm else None
-        self.prefix = 1 + getattr(model.config, "num_register_tokens", 0)
-        self.grid = grid
 
-    def forward(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
-        taken, _ = self.run(pixels)
-        rows = torch.cat(
-            [self.norm(one) if self.norm is not None else one for one in taken], -1
-        )  # b, 1 + registers + patches, channel
-        return rows[:, self.prefix :].unflatten(1, self.grid), rows[:, 0]
+    def forward(self, pixels: Tensor, kept: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        taken, _ = self.run(pixels, kept)
+        normed = [self.norm(one) if self.norm is not None else one for one in taken]
+        rows = torch.cat(normed, -1)  # b, 1 + registers + patches, channel
+        return rows[:, self.prefix :], rows[:, 0]
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
@@ -62,7 +59,7 @@ def backbone(
     grid = (size // config.patch_size, size // config.patch_size)
     norm = default_norm if settings.layernorm is None else settings.layernorm
     pixels = pixels_of(checkpoint, size, IMAGENET_MEAN, IMAGENET_STD)
-    network = Dino(model, blocks, norm, grid)
+    network = Dino(model, blocks, norm)
     return Backbone(
         network, pixels, grid, config.hidden_size * len(blocks), class_token=True, likes_bf16=True, batch=BATCH
     )

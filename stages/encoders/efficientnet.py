@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from b23d.stages.encoders.interface import Backbone, Settings, blocks_taken, joined, no_layernorm
+from b23d.stages.encoders.interface import Backbone, Settings, blocks_taken, joined, no_layernorm, tokens_of
 from b23d.stages.encoders.vit import IMAGENET_MEAN, IMAGENET_STD, load_model, pixels_of
 from b23d.stages.encoders.weights import Checkpoint
 
@@ -25,7 +25,11 @@ class EfficientNet(nn.Module):
         super().__init__()
         self.encoder, self.model, self.blocks = encoder, model.to(memory_format=torch.channels_last), blocks
 
-    def forward(self, pixels: Tensor) -> tuple[Tensor, None]:
+    def forward(self, pixels: Tensor, kept: None = None) -> tuple[Tensor, None]:
+        return tokens_of(self.maps(pixels)), None
+
+    def maps(self, pixels: Tensor) -> Tensor:
+        """(b, channel, i, j)"""
         x, taken = self.model.embeddings(pixels), []
         network = self.model.encoder
         for index, block in enumerate(network.blocks[: max(self.blocks) + 1] if self.blocks else network.blocks):
@@ -34,7 +38,7 @@ class EfficientNet(nn.Module):
                 taken.append(x)
         if not self.blocks:
             taken = [network.top_activation(network.top_bn(network.top_conv(x)))]
-        return joined(self.encoder, taken), None
+        return joined(self.encoder, taken)
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
@@ -48,7 +52,8 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     size = settings.input_size or model.config.image_size
     network = EfficientNet(checkpoint.encoder, model, settings.blocks)
     with torch.inference_mode():
-        tokens, _ = network(torch.zeros(1, 3, size, size))
-    _, rows, columns, channels = tokens.shape
+        _, channels, rows, columns = network.maps(torch.zeros(1, 3, size, size)).shape
     pixels = pixels_of(checkpoint, size, IMAGENET_MEAN, IMAGENET_STD)
-    return Backbone(network, pixels, (rows, columns), channels, class_token=False, likes_bf16=False, batch=BATCH)
+    return Backbone(
+        network, pixels, (rows, columns), channels, class_token=False, likes_bf16=False, batch=BATCH, whole=True
+    )

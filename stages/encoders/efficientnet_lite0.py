@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-from b23d.stages.encoders.interface import Backbone, Pixels, Settings, blocks_taken, joined, no_layernorm
+from b23d.stages.encoders.interface import Backbone, Pixels, Settings, blocks_taken, joined, no_layernorm, tokens_of
 from b23d.stages.encoders.weights import Checkpoint
 
 INPUT_SIZE = 224
@@ -31,9 +31,14 @@ BATCH = 4
 BLOCK = 10
 """0-based MBConv block whose output is taken by default: the last of stride 16, 112 channels, a grid of 14² at 224²."""
 STAGES = [  # repeats, kernel, stride of the first, expansion, channels: Table 1 of the paper
-    (1, 3, 1, 1, 16), (2, 3, 2, 6, 24), (2, 5, 2, 6, 40), (3, 3, 2, 6, 80), (3, 5, 1, 6, 112), (4, 5, 2, 6, 192),
+    (1, 3, 1, 1, 16),
+    (2, 3, 2, 6, 24),
+    (2, 5, 2, 6, 40),
+    (3, 3, 2, 6, 80),
+    (3, 5, 1, 6, 112),
+    (4, 5, 2, 6, 192),
     (1, 3, 1, 6, 320),
-]  # fmt: skip
+]
 STEM, HEAD, CLASSES = 32, 1280, 1000
 EPSILON = 1e-3
 """Batch normalisation's, as in the original."""
@@ -138,8 +143,12 @@ class Tokens(nn.Module):
         super().__init__()
         self.encoder, self.network, self.blocks = encoder, network, blocks
 
-    def forward(self, pixels: Tensor) -> tuple[Tensor, None]:
-        return joined(self.encoder, self.network.features(pixels, self.blocks)), None
+    def forward(self, pixels: Tensor, kept: None = None) -> tuple[Tensor, None]:
+        return tokens_of(self.maps(pixels)), None
+
+    def maps(self, pixels: Tensor) -> Tensor:
+        """(b, channel, i, j)"""
+        return joined(self.encoder, self.network.features(pixels, self.blocks))
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
@@ -152,8 +161,10 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     tokens = Tokens(checkpoint.encoder, network, blocks)
     pixels = replace(PIXELS, size=settings.input_size or INPUT_SIZE)
     with torch.inference_mode():
-        _, rows, columns, channels = tokens(torch.zeros(1, 3, pixels.size, pixels.size))[0].shape
-    return Backbone(tokens, pixels, (rows, columns), channels, class_token=False, likes_bf16=False, batch=BATCH)
+        _, channels, rows, columns = tokens.maps(torch.zeros(1, 3, pixels.size, pixels.size)).shape
+    return Backbone(
+        tokens, pixels, (rows, columns), channels, class_token=False, likes_bf16=False, batch=BATCH, whole=True
+    )
 
 
 def load_network(file: Path) -> EfficientNetLite0:

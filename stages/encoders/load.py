@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
+from importlib import import_module
 from typing import Literal
 
 import torch
 
-from b23d.stages.encoders import clip, dinov2, efficientnet, efficientnet_lite0, saliency_vit, sam, siglip
-from b23d.stages.encoders.interface import Backbone, Encoder, Settings
+from b23d.stages.encoders import names
+from b23d.stages.encoders.encoder import Encoder
+from b23d.stages.encoders.interface import Build, Settings
+from b23d.stages.encoders.names import family_of, packaged
 from b23d.stages.encoders.weights import CONFIG, Checkpoint, read_json
 
 Precision = Literal["auto", "bf16", "fp32"]
-Build = Callable[[Checkpoint, Settings], Backbone]
-EMBEDDED: dict[str, Build] = {"efficientnet-lite0": efficientnet_lite0.build, "saliency-vit-s14": saliency_vit.build}
-FAMILIES: dict[str, Build] = {
-    "dinov2": dinov2.build,
-    "dinov2_with_registers": dinov2.build,
-    "dinov3_vit": dinov2.build,
-    "clip": clip.build,
-    "clip_vision_model": clip.build,
-    "sam": sam.build,
-    "sam_vision_model": sam.build,
-    "siglip": siglip.build,
-    "siglip_vision_model": siglip.build,
-    "siglip2": siglip.build,
-    "siglip2_vision_model": siglip.build,
-    "efficientnet": efficientnet.build,
-}
-"""`model_type` of config.json → who builds it."""
 
 
 def load_encoder(
@@ -53,10 +38,10 @@ def _load(
     checkpoint: Checkpoint, digests: tuple[tuple[str, str], ...], settings: Settings, precision: Precision
 ) -> Encoder:
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    backbone = _family(checkpoint)(checkpoint, settings)
-    backbone.network.to(device)
+    backbone = _builder(checkpoint)(checkpoint, settings)
     if precision == "auto":
         precision = "bf16" if backbone.likes_bf16 and fast_at_bf16(device) else "fp32"
+    backbone.network.to(device, torch.bfloat16 if precision == "bf16" else torch.float32)
     return Encoder(checkpoint.encoder, dict(digests)["weights"], backbone, precision, device)
 
 
@@ -68,14 +53,18 @@ def fast_at_bf16(device: str) -> bool:
     return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))
 
 
-def _family(checkpoint: Checkpoint) -> Build:
-    if checkpoint.encoder in EMBEDDED:
-        return EMBEDDED[checkpoint.encoder]
-    model_type = read_json(checkpoint.path / CONFIG).get("model_type")
-    if model_type not in FAMILIES:
-        raise ValueError(
-            f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {', '.join(FAMILIES)}, "
-            f"got {model_type} in "
-            f"{checkpoint.path}; take one of these"
-        )
-    return FAMILIES[model_type]
+def _builder(checkpoint: Checkpoint) -> Build:
+    """`build` of the family's file, which is imported only now. A folder's config.json tells its family."""
+    family = family_of(checkpoint.encoder)
+    if packaged(checkpoint.encoder) is None:
+        model_type = read_json(checkpoint.path / CONFIG).get("model_type")
+        family = next((one for one in names.FAMILIES if model_type in one.model_type), None)
+        if family is None:
+            known = ", ".join(name for one in names.FAMILIES for name in one.model_type)
+            raise ValueError(
+                f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {known}, got {model_type} in "
+                f"{checkpoint.path}; take one of these"
+            )
+    assert family is not None
+    build: Build = import_module(f"b23d.stages.encoders.{family.module}").build
+    return build

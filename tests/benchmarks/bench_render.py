@@ -22,6 +22,7 @@ from b23d.schemas.shape import NormalizedShape, Source
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.backproject import BackprojectParams, backproject
 from b23d.stages.datasets.procedural import Procedural
+from b23d.stages.encoders.patches import foreground_patches, nearest_kept
 from b23d.stages.normalize import NormalizeParams, normalize
 from b23d.stages.render import RenderParams, render
 
@@ -69,24 +70,27 @@ def agreement(a: Views, b: Views) -> str:
     difference = np.abs(a.depth - b.depth)[in_a & in_b]
     levels = np.abs(a.images.astype(int) - b.images.astype(int))
     return (
-        f"silhouette IoU {overlap.mean():.5f} (least {overlap.min():.4f}), "
-        f"depth differs by {np.median(difference):.1e} "
-        f"(99.5 %: {np.quantile(difference, 0.995):.1e}), "
-        f"{(levels > 1).mean():.5f} of the pixels by more than one level"
+        f"silhouette IoU {overlap.mean():.5f} (least {overlap.min():.4f}), depth differs by "
+        f"{np.median(difference):.1e} (99.5 %: {np.quantile(difference, 0.995):.1e}), {(levels > 1).mean():.5f} of the "
+        "pixels by more than one level"
     )
 
 
 def bench(shape: NormalizedShape, name: str) -> None:
     by_rays, views = timed(time.thread_time, lambda: render(shape, RenderParams()))
     random = np.random.default_rng(0)
+    kept = foreground_patches(views.face_ids, (16, 16))
     tokens = ViewTokens(
-        tokens=random.normal(size=(len(views.depth), 16, 16, 384)).astype(np.float16), encoder="random", weights="none"
+        tokens=random.normal(size=(kept.sum(), 384)).astype(np.float16),
+        rows=nearest_kept(kept),
+        kept=kept,
+        encoder="random",
+        weights="none",
     )
     back, features = timed(time.thread_time, lambda: backproject(shape, views, tokens, BackprojectParams()))
     print(
         f"{name:<32} {len(shape.vertices):7d} vertices {len(shape.faces):7d} faces: render (embree) {by_rays:.3f} s, "
-        "backproject "
-        f"{back:.3f} s; covers {(views.face_ids >= 0).mean():.2f}, {features.counts.mean():.1f} views a point, "
+        f"backproject {back:.3f} s; covers {(views.face_ids >= 0).mean():.2f}, {features.counts.mean():.1f} views a point, "
         f"{1 - features.observed.mean():.4f} unseen",
         flush=True,
     )

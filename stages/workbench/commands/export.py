@@ -89,7 +89,7 @@ def png(run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, 
         Image.fromarray(contact_sheet(artifact.images)).save(path)
         return
     if isinstance(artifact, ViewTokens):
-        Image.fromarray(contact_sheet(token_colors(artifact.tokens), Image.Resampling.NEAREST)).save(path)
+        Image.fromarray(contact_sheet(token_colors(artifact), Image.Resampling.NEAREST)).save(path)
         return
     entry = _entry(run, shape)
     base = artifact if isinstance(artifact, NormalizedShape) else entry.normalized

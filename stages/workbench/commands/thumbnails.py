@@ -3,7 +3,7 @@ character."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ def thumbnail(run: Run, shape: str, artifact: Artifact, width: int) -> Renderabl
         chosen = _spread(len(artifact.images), width // TILE)
         rows = [_row(artifact.images[chosen]), _row(np.stack([_depth(artifact.depth[i]) for i in chosen]))]
     elif isinstance(artifact, ViewTokens):
-        rows = [_row(token_colors(artifact.tokens[_spread(len(artifact.tokens), width // TILE)]))]
+        rows = [_row(token_colors(artifact, _spread(len(artifact.rows), width // TILE)))]
     else:
         rows = (
             [np.concatenate(shown, axis=1)]
@@ -44,13 +44,17 @@ def thumbnail(run: Run, shape: str, artifact: Artifact, width: int) -> Renderabl
     return Pixels.from_image(Image.fromarray(np.concatenate(rows))) if rows else None
 
 
-def token_colors(tokens: np.ndarray) -> np.ndarray:
-    """Tokens (view, i, j, channel) in the colours of their first three principal components, (view, i, j, 3) uint8."""
+def token_colors(tokens: ViewTokens, views: Any = slice(None)) -> np.ndarray:
+    """Some views' tokens in the colours of their first three principal components, (view, i, j, 3) uint8; white where a
+    patch has none of its own."""
     from b23d.stages.workbench.pictures.principal import fit_basis
 
-    flat = tokens.reshape(-1, tokens.shape[-1])
-    basis = fit_basis([flat])
-    return basis.colors(basis.project(flat)).reshape(*tokens.shape[:3], 3)
+    kept = tokens.kept[views]
+    own = tokens.grid(views)[kept]
+    basis = fit_basis([own])
+    colors = np.full((*kept.shape, 3), 255, np.uint8)
+    colors[kept] = basis.colors(basis.project(own))
+    return colors
 
 
 def distance_colors(distances: GeodesicDistances) -> np.ndarray:
