@@ -90,8 +90,8 @@ def bench(shape: NormalizedShape, name: str) -> None:
     back, features = timed(time.thread_time, lambda: backproject(shape, views, tokens, BackprojectParams()))
     print(
         f"{name:<32} {len(shape.vertices):7d} vertices {len(shape.faces):7d} faces: render (embree) {by_rays:.3f} s, "
-        f"backproject {back:.3f} s; covers {(views.face_ids >= 0).mean():.2f}, {features.counts.mean():.1f} views a point, "
-        f"{1 - features.observed.mean():.4f} unseen",
+        f"backproject {back:.3f} s; covers {(views.face_ids >= 0).mean():.2f}, {features.counts.mean():.1f} views a "
+        f"point, {1 - features.observed.mean():.4f} unseen",
         flush=True,
     )
     try:
