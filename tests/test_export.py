@@ -27,6 +27,7 @@ from b23d.stages.workbench.pictures.palette import id_color, rgb
 from b23d.stages.workbench.results.gathering import Gathering
 from b23d.stages.workbench.results.scores import run_scores
 from tests.report_runs import mixed
+from tests.test_backproject import token_views
 
 
 @pytest.fixture(scope="module")
@@ -223,6 +224,10 @@ def test_a_score_has_no_thumbnail(run: Run) -> None:
 def test_tokens_are_painted_alike_where_they_are_alike() -> None:
     tokens = np.zeros((2, 4, 4, 8), np.float16)
     tokens[:, :2, :, 0], tokens[:, 2:, :2, 1] = 1, 1
-    colors = token_colors(tokens)
+    views = token_views(tokens)
+    colors = token_colors(views)
     np.testing.assert_array_equal(colors[0], colors[1])
     assert len(np.unique(colors.reshape(-1, 3), axis=0)) == 3
+    np.testing.assert_array_equal(token_colors(views, [1])[0], colors[1])
+    views.kept[1, 0, 0] = False
+    assert (token_colors(views)[1, 0, 0] == 255).all()
