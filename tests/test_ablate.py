@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app, plug_in
 from b23d.pipeline.config import load_config
-from b23d.stages.workbench.commands.ablate import DETOURS, Change, changes, members
+from b23d.stages.workbench.commands.ablate import DETOURS
+from b23d.stages.workbench.results.changes import Change, changes, members
 from tests.small_runs import make_boxes
 
 plug_in()

@@ -17,8 +17,9 @@ from b23d.schemas.keypoints import Keypoints
 from b23d.stages.describe import DescribeParams, describe
 from b23d.stages.normalize import NormalizeParams, normalize
 from b23d.stages.workbench.analyses.comparing import centred, cosine, nearer_share, typical_difference
+from b23d.stages.workbench.analyses.running import analysis_of
 from b23d.stages.workbench.analyses.semantic import Described, searches
-from b23d.stages.workbench.commands.analyse import analyse, analysis_of
+from b23d.stages.workbench.commands.analyse import analyse
 from tests.shared_data import shared
 
 FILES = sorted((Path(__file__).parents[1] / "runs" / "analyses").glob("*.toml"))

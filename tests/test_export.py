@@ -21,9 +21,9 @@ from b23d.schemas.scores import ShapeScore
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views
 from b23d.stages.render import RenderParams, render
-from b23d.stages.workbench.commands.export import contact_sheet, glb, ply, png
-from b23d.stages.workbench.commands.thumbnails import SHAPE, TILE, thumbnail, token_colors
+from b23d.stages.workbench.pictures.exporting import contact_sheet, glb, ply, png
 from b23d.stages.workbench.pictures.palette import id_color, rgb
+from b23d.stages.workbench.pictures.thumbnails import SHAPE, TILE, thumbnail, token_colors
 from b23d.stages.workbench.results.gathering import Gathering
 from b23d.stages.workbench.results.scores import run_scores
 from tests.report_runs import mixed

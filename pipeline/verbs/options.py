@@ -31,3 +31,6 @@ Until = Annotated[
 ]
 OnlyFailed = Annotated[bool, typer.Option("--only-failed", help="Only shapes that failed before.")]
 Force = Annotated[bool, typer.Option("--force", help="Make what is selected again, although it is stored.")]
+Workers = Annotated[
+    int | None, typer.Option(min=0, help="Worker processes; 0: run in this process. Default: one a core.")
+]

@@ -8,16 +8,26 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from b23d.pipeline.verbs.options import Classes, Force, Limit, OnlyFailed, RunPath, Set, Shapes, Stages, StoreUrl, Until
+from b23d.pipeline.verbs.options import (
+    Classes,
+    Force,
+    Limit,
+    OnlyFailed,
+    RunPath,
+    Set,
+    Shapes,
+    Stages,
+    StoreUrl,
+    Until,
+    Workers,
+)
 from b23d.pipeline.verbs.terminal import console, debug
 
 
 def run(
     run: RunPath,
     set: Set = [],
-    workers: Annotated[
-        int | None, typer.Option(min=0, help="Worker processes; 0: run in this process. Default: one a core.")
-    ] = None,
+    workers: Workers = None,
     scheduler: Annotated[str | None, typer.Option(metavar="URL", help="An existing dask cluster, tcp://…")] = None,
     store: StoreUrl = None,
     shape: Shapes = [],

@@ -11,15 +11,14 @@ import typer
 from rich.console import Console
 
 from b23d.pipeline.run import Run
+from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 
 
 def annotate(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
+    run: RunPath,
     shape: Annotated[str, typer.Argument(metavar="SHAPE", help="<class>/<id>; annotated already or not.")],
-    set: Annotated[
-        list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
-    ] = [],
-    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+    set: Set = [],
+    store: StoreUrl = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0: the system chooses.")] = 0,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
     keypoints: Annotated[

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-import typer
 from rich.console import Console
 
 from b23d.pipeline.run import Report, Run
+from b23d.pipeline.verbs.options import Json, RunPath, Set, StoreUrl
 from b23d.stages.workbench.results.scores import run_parts
 
 
 def parts(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
-    set: Annotated[list[str], typer.Option("--set", metavar="a.b=value")] = [],
-    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    run: RunPath,
+    set: Set = [],
+    store: StoreUrl = None,
+    as_json: Json = False,
 ) -> None:
     """IoU of transferred parts per class (ShapeNetPart's protocol), their average; mean ± sd over draws of shots."""
     from b23d.stages.scoring.parts import render

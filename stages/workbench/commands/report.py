@@ -11,14 +11,13 @@ from rich.progress import Progress
 
 from b23d.pipeline.plan import State
 from b23d.pipeline.run import Run
+from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
-    set: Annotated[
-        list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
-    ] = [],
-    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+    run: RunPath,
+    set: Set = [],
+    store: StoreUrl = None,
     draw: Annotated[
         int | None, typer.Option("--draw", help="Whose predictions are shown first; default: the first draw.")
     ] = None,

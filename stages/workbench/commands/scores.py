@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
 from rich.console import Console
 
 from b23d.pipeline.run import Report, Run
+from b23d.pipeline.verbs.options import Json, RunPath, Set, StoreUrl
 from b23d.stages.workbench.results.scores import run_scores
 
 if TYPE_CHECKING:
@@ -16,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def scores(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
-    set: Annotated[list[str], typer.Option("--set", metavar="a.b=value")] = [],
-    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable.")] = False,
+    run: RunPath,
+    set: Set = [],
+    store: StoreUrl = None,
+    as_json: Json = False,
 ) -> None:
     """IoU per threshold and class with AUC, labelled PCK and the ceiling; mean ± sd over draws of shots."""
     from b23d.stages.scoring.table import render

@@ -27,6 +27,7 @@ from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
 from b23d.pipeline.selection import Selection
+from b23d.pipeline.verbs.options import Limit, StoreUrl, Workers
 
 
 def sweep(
@@ -34,11 +35,9 @@ def sweep(
         Path, typer.Argument(metavar="RUN", help="Run file; its [sweep] and [variants] tables say what is run.")
     ],
     set: Annotated[list[str], typer.Option("--set", metavar="a.b=value", help="Fixed throughout.")] = [],
-    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
-    workers: Annotated[int | None, typer.Option(min=0)] = None,
-    limit: Annotated[
-        int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")
-    ] = None,
+    store: StoreUrl = None,
+    workers: Workers = None,
+    limit: Limit = None,
     only: Annotated[
         list[str], typer.Option("--only", metavar="GLOB", help="Run only systems of such a name; repeatable.")
     ] = [],

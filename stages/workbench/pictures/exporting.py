@@ -28,9 +28,8 @@ from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views, ViewTokens
-from b23d.stages.workbench.commands.export_arrays import write_arrays
-from b23d.stages.workbench.commands.thumbnails import distance_colors, token_colors
 from b23d.stages.workbench.pictures.coloring import class_basis, feature_colors
+from b23d.stages.workbench.pictures.export_arrays import write_arrays
 from b23d.stages.workbench.pictures.frames import in_frame, original, shape_part
 from b23d.stages.workbench.pictures.obj_files import write_obj
 from b23d.stages.workbench.pictures.painting import GREY, Mark, marks
@@ -45,6 +44,7 @@ from b23d.stages.workbench.pictures.solids import (
     write_glb,
     write_ply,
 )
+from b23d.stages.workbench.pictures.thumbnails import distance_colors, token_colors
 from b23d.stages.workbench.results.gathering import Entry, Gathering
 
 PICTURE = 800  # pixels

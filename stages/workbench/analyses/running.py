@@ -1,0 +1,66 @@
+"""From a run file with an `[analysis]` table to what its analysis compares: executed runs."""
+
+from __future__ import annotations
+
+import json
+from types import ModuleType
+
+from pydantic import ValidationError
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from b23d.pipeline.config import Config
+from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.members import Member, members
+from b23d.pipeline.run import Run
+from b23d.stages.workbench.analyses import module_of
+from b23d.stages.workbench.analyses.interface import AnalysisParams, Part, Result
+from b23d.stages.workbench.analyses.page import cells
+
+
+def analysis_of(config: Config) -> tuple[ModuleType, AnalysisParams]:
+    """The analysis that a run file asks for, and its checked fields. Raises RunFileError."""
+    table = config.file.analysis
+    try:
+        module = module_of(table)
+        params: AnalysisParams = module.Parameters.model_validate(table)
+    except ValidationError as error:
+        lines = [
+            f"run file {config.path}: [analysis] {'.'.join(map(str, e['loc']))}: {e['msg'].lower()}; mend it"
+            for e in error.errors()
+        ]
+        raise RunFileError("\n".join(lines)) from error
+    except ValueError as error:
+        raise RunFileError(f"run file {config.path}: {error}") from error
+    return module, params
+
+
+def executed(
+    console: Console, config: Config, outputs: list[str], store: str | None, workers: int | None
+) -> list[Part]:
+    """The run's members, or the run itself where it has none, with these outputs; only what is missing is made."""
+    parts = []
+    for member in members(config) or [Member(config.file.name, config.overrides)]:
+        loaded = Run.load(config.path, (*member.overrides, f"outputs={json.dumps(outputs)}"), store)
+        with console.status(f"{member.label}: running"):
+            report = loaded.execute(workers)
+        stages = {outcome.stage for outcome in report.done}
+        ran = ", ".join(name for name in loaded.config.stages if name in stages) or "nothing"
+        console.print(f"[dim]{escape(member.label)}: ran {ran} in {report.seconds:.0f} s[/]", highlight=False)
+        for failure in report.failures:
+            console.print(
+                f"  [red]✗[/] {failure.stage}: {escape(failure.error)}; left out", highlight=False, soft_wrap=True
+            )
+        parts.append(Part(member.label, member.series, loaded))
+    return parts
+
+
+def result_table(result: Result) -> Table:
+    table = Table(title=result.title, title_justify="left")
+    for column in result.table.columns:
+        number = result.table[column].dtype.kind in "fiu"
+        table.add_column(str(column), justify="right" if number else "left", overflow="fold")
+    for row in cells(result.table):
+        table.add_row(*map(escape, row))
+    return table
