@@ -14,9 +14,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from b23d.stages.workbench.api import Run, load
+    from b23d.stages.workbench.api import LoadedRun, load
 
-__all__ = ["Run", "load"]
+__all__ = ["LoadedRun", "load"]
 
 
 def __getattr__(name: str) -> Any:

@@ -16,7 +16,7 @@ BYTES = "(bytes)"
 
 
 @dataclass(frozen=True)
-class Part:
+class AddressPart:
     """One thing that enters an address."""
 
     name: str
@@ -41,7 +41,7 @@ class Explanation:
     shape: str
     address: str
     state: str
-    parts: list[Part]
+    parts: list[AddressPart]
     nearest: str | None
     """Address of the stored artifact compared with; None: this stage has made nothing of this shape yet."""
     differences: list[Difference] = field(default_factory=list)
@@ -54,11 +54,13 @@ def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: 
     Raises KeyError where the run has no such shape or stage.
     """
     node = run.node(shape, stage, draw)
-    parts = [Part("stage", node.stage), Part("version", str(run.config.stages[node.stage].version))]
-    parts += [Part(f"params.{name}", repr(value)) for name, value in run.config.params[node.stage].hashed().items()]
+    parts = [AddressPart("stage", node.stage), AddressPart("version", str(run.config.stages[node.stage].version))]
+    parts += [
+        AddressPart(f"params.{name}", repr(value)) for name, value in run.config.params[node.stage].hashed().items()
+    ]
     for name, above in _inputs(run, node).items():
         addresses = above if isinstance(above, list) else [above]
-        parts.append(Part(f"inputs.{name}", ", ".join(_describe(item) for item in addresses)))
+        parts.append(AddressPart(f"inputs.{name}", ", ".join(_describe(item) for item in addresses)))
     if against is not None:
         other = against.node(shape, stage, draw)
         before: _Recipe | None = _of_node(against, other)

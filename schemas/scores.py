@@ -77,7 +77,7 @@ class Curve(_Row):
     sd: list[float]
 
 
-class Presence(_Row):
+class PresenceScores(_Row):
     """How well ids are judged present, wherever they are predicted."""
 
     precision: Spread
@@ -104,7 +104,7 @@ class ClassScores(_Row):
     """The same after each shape's best exchange of ids that a symmetry permits."""
     one_to_one: Curve
     """As `iou`, with each prediction matched to at most one keypoint."""
-    presence: Presence
+    presence: PresenceScores
     ceiling: float
     """IoU of a predictor that puts every id of the shots in its place wherever the target has it."""
     annotation_files: list[str]

@@ -13,7 +13,7 @@ from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views
 from b23d.stages.geometry.cameras import fibonacci_angles, fitting_distance, look_at_origin, pinhole, ring_angles
 from b23d.stages.renderers import RendererName, renderer
-from b23d.stages.renderers.shading import Surface, shade, smooth_normals
+from b23d.stages.renderers.shading import ShadedSurface, shade, smooth_normals
 
 
 class RenderParams(Params):
@@ -105,12 +105,12 @@ def _distance(points: np.ndarray, angles: np.ndarray, params: RenderParams) -> f
     return params.distance
 
 
-def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[Surface, int]:
+def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, int]:
     """The surface to draw, and how many of its triangles make one id."""
     if len(shape.faces) == 0:
         raise ValueError("mesh: expected faces to render, got none; give its points as a cloud")
     has_texture = params.texture and shape.texture is not None and shape.face_uvs is not None
-    surface = Surface(
+    surface = ShadedSurface(
         shape.vertices,
         shape.faces,
         corner_normals=smooth_normals(shape.vertices, shape.faces) if params.shading == "smooth" else None,
@@ -121,11 +121,11 @@ def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[Surface, int]:
     return surface, 1
 
 
-def _cloud(shape: NormalizedShape, params: RenderParams) -> tuple[Surface, int]:
+def _cloud(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, int]:
     from b23d.stages.renderers.discs import TRIANGLES_PER_DISC, discs
 
     drawn = discs(shape.vertices, params.disc_neighbours, params.disc_radius)
-    surface = Surface(
+    surface = ShadedSurface(
         drawn.vertices,
         drawn.faces,
         corner_normals=drawn.normals[drawn.faces],

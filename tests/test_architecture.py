@@ -105,3 +105,30 @@ def test_no_cited_file_is_missing() -> None:
     for path in FILES:
         for cited in re.findall(r"`((?:schemas|pipeline|stages|tests|runs)/[\w/.-]+)`", (ROOT / path).read_text()):
             assert (ROOT / cited).exists(), f"{path} cites {cited}"
+
+
+def test_no_two_public_types_share_a_name() -> None:
+    """One word, one meaning. Only analyses share a word on purpose: each module has its own `Parameters`."""
+    homes: dict[str, list[str]] = {}
+    for path in FILES:
+        for node in ast.parse((ROOT / path).read_text()).body:
+            names = [node.name] if isinstance(node, ast.ClassDef) else []
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                alias = node.targets[0].id
+                names += [alias] if alias[0].isupper() and not alias.isupper() else []
+            for name in names:
+                homes.setdefault(name, []).append(path)
+    shared = {name: paths for name, paths in homes.items() if len(paths) > 1 and not name.startswith("_")}
+    assert shared.pop("Parameters") and shared == {}
+
+
+def test_shared_options_are_declared_once() -> None:
+    """Their words and their help are the same in every verb; a verb that needs another meaning needs another word."""
+    declared: dict[str, list[str]] = {}
+    for path in FILES:
+        for option in re.findall(
+            r'typer\.Option\([^)]*?"--(set|store|json|limit|workers)\b', (ROOT / path).read_text()
+        ):
+            declared.setdefault(option, []).append(path)
+    assert all(paths == ["pipeline/verbs/options.py"] for paths in declared.values()), declared
+    assert declared.keys() >= {"set", "store", "json", "limit"}

@@ -16,7 +16,7 @@ import trimesh
 
 from b23d.pipeline.dataset import DATASETS
 from b23d.stages.datasets.procedural import VERSION, Procedural, generated, load_keypoints, load_parts, load_source
-from b23d.stages.datasets.procedural.assembling import Model
+from b23d.stages.datasets.procedural.assembling import BuiltShape
 
 CLASSES = ("chair", "table", "airplane", "mug")
 EACH = 24
@@ -24,7 +24,7 @@ FLIP = np.array([-1.0, 1.0, 1.0])
 
 
 @cache
-def models(category: str) -> list[Model]:
+def models(category: str) -> list[BuiltShape]:
     return [generated(category, 0, index) for index in range(EACH)]
 
 
@@ -32,7 +32,7 @@ def values(category: str, index: int) -> dict[str, object]:
     return {"class": category, "seed": 0, "index": index, "version": VERSION}
 
 
-def mesh(model: Model) -> trimesh.Trimesh:
+def mesh(model: BuiltShape) -> trimesh.Trimesh:
     return trimesh.Trimesh(model.vertices.astype(np.float64), model.faces, process=False)
 
 

@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.verbs.options import Draw, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 
@@ -19,7 +19,7 @@ def explain(
     stage: str,
     set: Set = [],
     store: StoreUrl = None,
-    draw: Draw = None,
+    draw: DrawOption = None,
     against: Annotated[
         Path | None, typer.Option(metavar="RUN2", help="Compare with this run, not the nearest artifact.")
     ] = None,

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from b23d.pipeline.verbs.options import DEFAULT_STORE, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 
@@ -14,7 +15,7 @@ def gc(
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="[RUN]…", help="Run files that count besides those the store knows.")
     ] = None,
-    store: Annotated[str, typer.Option("--store", metavar="PATH|URL")] = "runs/.store",
+    store: StoreUrl = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
 ) -> None:
     """Drop what no run file reaches, largest first. Run files that have used the store count, and those in runs/."""
@@ -22,7 +23,7 @@ def gc(
     from b23d.pipeline.store import Store
     from b23d.pipeline.upkeep import garbage, reached
 
-    opened = Store(store)
+    opened = Store(store or DEFAULT_STORE)
     known = Index(Path(opened.root) / "index.sqlite").run_files() if opened.local and Path(opened.root).is_dir() else []
     files = {path.resolve() for path in [*known, *(runs or [])]}
     besides = {path.resolve() for path in Path("runs").rglob("*.toml")} - files

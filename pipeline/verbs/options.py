@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+DEFAULT_STORE = "runs/.store"
+"""Where verbs without a run file look."""
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)]
 Set = Annotated[
     list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
@@ -14,7 +16,7 @@ Set = Annotated[
 StoreUrl = Annotated[str | None, typer.Option("--store", metavar="PATH|URL", help="Another store than the run file's.")]
 Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable.")]
-Draw = Annotated[int | None, typer.Option("--draw", help="Which draw of shots; default: the first that has it.")]
+DrawOption = Annotated[int | None, typer.Option("--draw", help="Which draw of shots; default: the first that has it.")]
 Shapes = Annotated[
     list[str],
     typer.Option("--shape", metavar="NAME|GLOB|@FILE", help="Only these shapes; repeatable.", show_default=False),

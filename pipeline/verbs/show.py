@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from b23d.pipeline.inspection import FrameName, artifact_tables, export_artifact, thumbnail
-from b23d.pipeline.verbs.options import Draw, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 
@@ -18,7 +18,7 @@ def show(
     stage: str,
     set: Set = [],
     store: StoreUrl = None,
-    draw: Draw = None,
+    draw: DrawOption = None,
     export: Annotated[
         Path | None,
         typer.Option(

@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.verbs.options import Draw, RunPath, Set, StoreUrl
+from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 PROFILED = 25  # functions that --profile prints
@@ -20,7 +20,7 @@ def try_(
     stage: Annotated[str, typer.Argument(help="Stage to run.")],
     set: Set = [],
     store: StoreUrl = None,
-    draw: Draw = None,
+    draw: DrawOption = None,
     pdb: Annotated[bool, typer.Option("--pdb", help="Stop at the stage's first line, and where it raises.")] = False,
     profile: Annotated[bool, typer.Option("--profile", help="Print where the time goes.")] = False,
 ) -> None:

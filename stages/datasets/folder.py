@@ -27,7 +27,7 @@ from b23d.stages.datasets.sources import source_leaf
 from b23d.stages.datasets.walking import Listing, encodable, walk
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
 
-Key = tuple[str, str]
+ShapeKey = tuple[str, str]
 """Category and id."""
 NO_SHAPES = "(no shapes)"
 """Stands for the shapes of a class that has none."""
@@ -107,14 +107,14 @@ class Folder(WithExternals):
             return f"{looked}no such file; annotate shapes with `b23d annotate`, or set dataset.keypoints"
         return f"{looked}none of a shape that is here; annotate shapes with `b23d annotate`"
 
-    def _found(self, files: dict[str, str]) -> tuple[dict[Key, dict[str, str]], dict[Key, str]]:
+    def _found(self, files: dict[str, str]) -> tuple[dict[ShapeKey, dict[str, str]], dict[ShapeKey, str]]:
         """The mesh and the cloud of each shape, from all files (path → place below the root), and what is wrong."""
-        by_shape: dict[Key, list[str]] = {}
+        by_shape: dict[ShapeKey, list[str]] = {}
         for path, place in files.items():
             if (key := self._key(place)) is not None:
                 by_shape.setdefault(key, []).append(path)
-        found: dict[Key, dict[str, str]] = {}
-        errors: dict[Key, str] = {}
+        found: dict[ShapeKey, dict[str, str]] = {}
+        errors: dict[ShapeKey, str] = {}
         for key, paths in by_shape.items():
             try:
                 found[key] = self._roles("/".join(key), sorted(paths))
@@ -122,7 +122,7 @@ class Folder(WithExternals):
                 errors[key] = str(error)
         return found, errors
 
-    def _key(self, place: str) -> Key | None:
+    def _key(self, place: str) -> ShapeKey | None:
         """The shape that a file (by its place below the root) is of; None where it is no geometry of ours."""
         *folders, file = place.split("/")
         stem, dot, suffix = file.rpartition(".")
@@ -138,7 +138,7 @@ class Folder(WithExternals):
         """The class of what lies right in the root."""
         return self.root.resolve().name or "shapes"
 
-    def _set_aside(self, listing: Listing, found: Collection[Key], errors: Collection[Key]) -> list[Shape]:
+    def _set_aside(self, listing: Listing, found: Collection[ShapeKey], errors: Collection[ShapeKey]) -> list[Shape]:
         """What cannot be used, each by its name: strange files that would be shapes, closed folders, empty classes."""
         shapes = []
         known = {*found, *errors}
@@ -179,7 +179,7 @@ class Folder(WithExternals):
                 )
         return {what: same[0] for what, same in (("mesh", meshes), ("cloud", clouds)) if same}
 
-    def _annotations(self, found: Collection[Key]) -> tuple[dict[Key, Leaf], dict[Key, str]]:
+    def _annotations(self, found: Collection[ShapeKey]) -> tuple[dict[ShapeKey, Leaf], dict[ShapeKey, str]]:
         """The keypoints leaf of every annotated shape, and what is wrong with entries, by shape."""
         path = self.annotation_file()
         if self.keypoints is None and not os.path.lexists(path):
@@ -195,7 +195,7 @@ class Folder(WithExternals):
         categories: dict[str, list[str]] = {}
         for category, name in found:
             categories.setdefault(name, []).append(category)
-        leaves: dict[Key, Leaf] = {}
+        leaves: dict[ShapeKey, Leaf] = {}
         errors = {(self._flat(), f"{path.name} entry {i}"): error for i, error in file.malformed.items()}
         for entry in file.entries:
             key, error = self._owner(entry, categories, path)
@@ -206,7 +206,9 @@ class Folder(WithExternals):
             leaves[key] = file.leaf(entry, "/".join(key))
         return leaves, errors
 
-    def _owner(self, entry: dict[str, Any], categories: dict[str, list[str]], path: Path) -> tuple[Key, str | None]:
+    def _owner(
+        self, entry: dict[str, Any], categories: dict[str, list[str]], path: Path
+    ) -> tuple[ShapeKey, str | None]:
         """The shape an entry is about, and an error where there is no such shape."""
         model, category = entry["model_id"], entry.get("class_id")
         having = categories.get(model, [])

@@ -11,7 +11,7 @@ from b23d.schemas.head import KeypointHead
 
 
 @dataclass(frozen=True)
-class Detector:
+class HeadWeights:
     """logits = hidden(x) @ weights + biases with x = (input − mean) / scale; all float32, shapes as in
     `KeypointHead`."""
 
@@ -25,7 +25,7 @@ class Detector:
     loss: float
 
 
-def probabilities(detector: Detector | KeypointHead, inputs: np.ndarray) -> npt.NDArray[np.float32]:
+def probabilities(detector: HeadWeights | KeypointHead, inputs: np.ndarray) -> npt.NDArray[np.float32]:
     """How likely each point (n, input) is the keypoint of each id: (n, k) in 0 … 1."""
     x = (inputs - detector.mean) / detector.scale
     if detector.hidden_weights is not None:

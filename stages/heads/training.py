@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from b23d.stages.heads.detector import Detector
+from b23d.stages.heads.detector import HeadWeights
 from b23d.stages.heads.inputs import Example
 
 LEAST = 1e-6
@@ -25,7 +25,7 @@ class Options:
     seed: int
 
 
-def train(examples: Sequence[Example], options: Options) -> Detector:
+def train(examples: Sequence[Example], options: Options) -> HeadWeights:
     """A detector of every id of the examples; the same for the same inputs and seed (in one thread).
 
     Loss: for every example and id, the cross-entropy between probabilities and heat map, where the map's mass and the
@@ -64,8 +64,8 @@ def train(examples: Sequence[Example], options: Options) -> Detector:
         optimiser.step()
     weights, biases, *rest = (layer.detach().numpy() for layer in layers)
     if not hidden:
-        return Detector(ids, mean, scale, basis @ weights, biases, None, None, float(loss.detach()))
-    return Detector(ids, mean, scale, weights, biases, basis @ rest[0], rest[1], float(loss.detach()))
+        return HeadWeights(ids, mean, scale, basis @ weights, biases, None, None, float(loss.detach()))
+    return HeadWeights(ids, mean, scale, weights, biases, basis @ rest[0], rest[1], float(loss.detach()))
 
 
 def principal(standard: np.ndarray, components: int) -> npt.NDArray[np.float32]:

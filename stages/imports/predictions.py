@@ -26,7 +26,7 @@ SIFT3D_COLUMNS = 14
 
 
 @dataclass(frozen=True)
-class Found:
+class ExternalKeypoints:
     """What a file says: points (k, 3) in the file's frame, and where it has them, indices, ids and scores (k,); higher
     is better."""
 
@@ -36,7 +36,9 @@ class Found:
     scores: np.ndarray | None = None
 
 
-def choose(found: Found, least: float | None, radius: float | None, most: int | None) -> npt.NDArray[np.int64]:
+def choose(
+    found: ExternalKeypoints, least: float | None, radius: float | None, most: int | None
+) -> npt.NDArray[np.int64]:
     """The rows that stay, best first: score above `least`, no better one within `radius`, at most `most` of them.
 
     The suppression is greedy, as USIP's and UKPGAN's: a suppressed point suppresses none.
@@ -56,7 +58,7 @@ def choose(found: Found, least: float | None, radius: float | None, most: int | 
     return order[:most].astype(np.int64)
 
 
-def generic(file: External, cloud: np.ndarray, params: Any) -> Found:
+def generic(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     """See the table above; `cloud` (n, 3) is where the candidates are in the source frame, for indices."""
     found = arrays(file)
     table = found.pop("", None)
@@ -75,16 +77,16 @@ def generic(file: External, cloud: np.ndarray, params: Any) -> Found:
     return _found(file, cloud, found)
 
 
-def usip(file: External, cloud: np.ndarray, params: Any) -> Found:
+def usip(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     if file.suffix != ".bin" or len(file.data) % 12:
         raise ValueError(
             f"{file.shape}: expected a .bin of 12 bytes a keypoint, got {file.suffix} of {len(file.data)}; "
             "write it again"
         )
-    return Found(np.frombuffer(file.data, "<f4").reshape(-1, 3))
+    return ExternalKeypoints(np.frombuffer(file.data, "<f4").reshape(-1, 3))
 
 
-def d3feat(file: External, cloud: np.ndarray, params: Any) -> Found:
+def d3feat(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     found = arrays(file)
     if not {"keypts", "scores"} <= found.keys():
         raise ValueError(
@@ -94,7 +96,7 @@ def d3feat(file: External, cloud: np.ndarray, params: Any) -> Found:
     return _found(file, cloud, {"points": found["keypts"], "scores": found["scores"]})
 
 
-def ukpgan(file: External, cloud: np.ndarray, params: Any) -> Found:
+def ukpgan(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     found = arrays(file)
     scores = found.get("prob", found.get(""))
     if scores is None:
@@ -110,14 +112,14 @@ def ukpgan(file: External, cloud: np.ndarray, params: Any) -> Found:
     return _found(file, cloud, {"indices": np.arange(len(cloud)), "scores": scores})
 
 
-def fskd(file: External, cloud: np.ndarray, params: Any) -> Found:
+def fskd(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     found = arrays(file)
     if "ids" not in found:
         raise ValueError(f"{file.shape}: expected ids, got {', '.join(found)}; FSKD's keypoints have names")
     return generic(file, cloud, params)
 
 
-def sift3d_csv(file: External, cloud: np.ndarray, params: Any) -> Found:
+def sift3d_csv(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     table = arrays(file).get("")
     if table is None or (
         table.size and (table.ndim != 2 or table.shape[1] not in (SIFT3D_COLUMNS, SIFT3D_COLUMNS + 1))
@@ -129,15 +131,15 @@ def sift3d_csv(file: External, cloud: np.ndarray, params: Any) -> Found:
     table = table if table.size else np.empty((0, SIFT3D_COLUMNS))
     rows = table[:, -SIFT3D_COLUMNS:]
     points = np.asarray(params.origin) + params.spacing * rows[:, :3] * 2.0 ** rows[:, 3:4]
-    return Found(points, scores=table[:, 0] if table.shape[1] > SIFT3D_COLUMNS else None)
+    return ExternalKeypoints(points, scores=table[:, 0] if table.shape[1] > SIFT3D_COLUMNS else None)
 
 
-READERS: Mapping[str, Callable[[External, np.ndarray, Any], Found]] = {
+READERS: Mapping[str, Callable[[External, np.ndarray, Any], ExternalKeypoints]] = {
     "generic": generic, "usip": usip, "d3feat": d3feat, "ukpgan": ukpgan, "fskd": fskd, "sift3d-csv": sift3d_csv,
 }  # fmt: skip
 
 
-def _found(file: External, cloud: np.ndarray, values: Mapping[str, np.ndarray]) -> Found:
+def _found(file: External, cloud: np.ndarray, values: Mapping[str, np.ndarray]) -> ExternalKeypoints:
     if ("points" in values) == ("indices" in values):
         raise ValueError(
             f"{file.shape}: expected either points or indices, got {', '.join(values) or 'none'}; write it again"
@@ -156,4 +158,4 @@ def _found(file: External, cloud: np.ndarray, values: Mapping[str, np.ndarray]) 
             )
     if scores is not None and np.isnan(scores).any():
         raise ValueError(f"{file.shape}: expected scores, got NaN; write it again")
-    return Found(points, indices, ids, scores)
+    return ExternalKeypoints(points, indices, ids, scores)

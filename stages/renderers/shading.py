@@ -20,7 +20,7 @@ BACKGROUND = 255
 
 
 @dataclass(frozen=True)
-class Surface:
+class ShadedSurface:
     """What is drawn. Without corner normals faces are flat; without colours and texture they have the albedo asked
     for."""
 
@@ -63,7 +63,12 @@ def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def shade(
-    surface: Surface, raster: Raster, world_to_camera: np.ndarray, intrinsics: np.ndarray, albedo: float, ambient: float
+    surface: ShadedSurface,
+    raster: Raster,
+    world_to_camera: np.ndarray,
+    intrinsics: np.ndarray,
+    albedo: float,
+    ambient: float,
 ) -> np.ndarray:
     """Pictures (view, row, column, 3) uint8 of what `raster` says every pixel sees."""
     resolution = raster.face_ids.shape[1]

@@ -13,11 +13,11 @@ from b23d.schemas.scores import PartClass, PartScore, PartTable, Spread
 if TYPE_CHECKING:
     from rich.table import Table
 
-Row = tuple[str, int, str, PartScore]
+PartRow = tuple[str, int, str, PartScore]
 """Category, draw, shape, score."""
 
 
-def part_table(run: str, rows: Iterable[Row]) -> PartTable:
+def part_table(run: str, rows: Iterable[PartRow]) -> PartTable:
     """The table of `rows`; classes are sorted by name.
 
     Raises ValueError where there is no row, or where scores follow different protocols.

@@ -7,15 +7,15 @@ from collections.abc import Hashable, Iterable
 
 import numpy as np
 
-from b23d.schemas.scores import ClassScores, Curve, Presence, ScoreTable, ShapeScore, Spread
+from b23d.schemas.scores import ClassScores, Curve, PresenceScores, ScoreTable, ShapeScore, Spread
 
-Row = tuple[str, Hashable, str, ShapeScore]
+ScoreRow = tuple[str, Hashable, str, ShapeScore]
 """Category, draw, shape, score."""
 Figures = dict[str, np.ndarray]
 """Name → (t,) or () float64: one class in one draw."""
 
 
-def score_table(run: str, protocol: str | None, rows: Iterable[Row]) -> ScoreTable:
+def score_table(run: str, protocol: str | None, rows: Iterable[ScoreRow]) -> ScoreTable:
     """The table of `rows`; classes are sorted by name.
 
     protocol: as printed in the table; None takes what the scores themselves say.
@@ -110,7 +110,7 @@ def _scores(draws: list[Figures], thresholds: list[float], targets: int, files: 
         pck=curve("pck"),
         symmetric_pck=curve("symmetric_pck"),
         one_to_one=curve("one_to_one"),
-        presence=Presence(precision=spread("precision"), recall=spread("recall")),
+        presence=PresenceScores(precision=spread("precision"), recall=spread("recall")),
         ceiling=float(stacked["ceiling"].mean()),
         annotation_files=sorted(files),
     )

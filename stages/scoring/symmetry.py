@@ -22,7 +22,7 @@ AGREES = 0.5
 """A motion takes one id to another if it takes the point nearer to the other than this share of their distance."""
 
 Places = dict[int, np.ndarray]
-Pair = tuple[int, int]
+IdPair = tuple[int, int]
 
 
 def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
@@ -43,7 +43,7 @@ def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
     return np.stack(_compose([[ids.index(table.get(i, i)) for i in ids] for table in tables], keypoints.ids))
 
 
-def _planes(pairs: list[Pair], places: Places) -> list[list[Pair]]:
+def _planes(pairs: list[IdPair], places: Places) -> list[list[IdPair]]:
     """Pairs grouped by the mirror plane that exchanges them; the pair that defines the plane first.
 
     An id that stands in m pairs has a partner in m planes, so there are as many planes as the most frequent id has
@@ -53,7 +53,7 @@ def _planes(pairs: list[Pair], places: Places) -> list[list[Pair]]:
     degree = Counter(i for pair in pairs for i in pair)
     most = max(degree.values(), default=0)
 
-    def width(pair: Pair) -> float:
+    def width(pair: IdPair) -> float:
         return float(np.linalg.norm(places[pair[0]] - places[pair[1]]))
 
     widest = sorted(pairs, key=width, reverse=True)
@@ -69,11 +69,11 @@ def _planes(pairs: list[Pair], places: Places) -> list[list[Pair]]:
     return planes
 
 
-def _error(motion: Motion, pair: Pair, places: Places) -> float:
+def _error(motion: Motion, pair: IdPair, places: Places) -> float:
     return float(np.linalg.norm(motion(places[pair[0]]) - places[pair[1]]))
 
 
-def _reflection(plane: list[Pair], places: Places) -> dict[int, int]:
+def _reflection(plane: list[IdPair], places: Places) -> dict[int, int]:
     a, b = plane[0]
     return _complete({**dict(plane), **{j: i for i, j in plane}}, mirror(places[a], places[b]), places)
 

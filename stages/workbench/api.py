@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from b23d.pipeline.config import load_config
-from b23d.pipeline.run import Run as EngineRun
+from b23d.pipeline.run import Run
 
 if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
 
-class Run(EngineRun):
+class LoadedRun(Run):
     """A run to plan, execute, open and look at in a notebook."""
 
     @property
@@ -56,6 +56,6 @@ class Run(EngineRun):
         return plot_shape(self, shape, draw)
 
 
-def load(path: str | Path, *overrides: str, store: str | None = None) -> Run:
+def load(path: str | Path, *overrides: str, store: str | None = None) -> LoadedRun:
     """A run file with overrides (`"stages.optimize.alpha=0.5"`), ready to plan and execute."""
-    return Run(load_config(path, overrides), store)
+    return LoadedRun(load_config(path, overrides), store)

@@ -17,7 +17,7 @@ from b23d.schemas.parts import Parts
 from b23d.schemas.shape import Source
 
 if TYPE_CHECKING:
-    from b23d.stages.datasets.procedural.assembling import Model
+    from b23d.stages.datasets.procedural.assembling import BuiltShape
 
 Category = Literal["chair", "table", "airplane", "mug"]
 VERSION = 2
@@ -73,17 +73,17 @@ def load_parts(files: dict[str, bytes], values: dict[str, Any]) -> Parts:
     return Parts(points=model.centroids(), labels=model.face_labels, names=model.part_names)
 
 
-def generated(category: str, seed: int, index: int) -> Model:
+def generated(category: str, seed: int, index: int) -> BuiltShape:
     """Shape `index` of a class: its surface, keypoints, parts, and the style that was drawn."""
     from b23d.stages.datasets.procedural.airplanes import airplane
     from b23d.stages.datasets.procedural.chairs import chair
-    from b23d.stages.datasets.procedural.drawing import Draw
+    from b23d.stages.datasets.procedural.drawing import Chance
     from b23d.stages.datasets.procedural.mugs import mug
     from b23d.stages.datasets.procedural.tables import table
 
     make = {"chair": chair, "table": table, "airplane": airplane, "mug": mug}[category]
-    return make(Draw(category, seed, index))
+    return make(Chance(category, seed, index))
 
 
-def _model(values: dict[str, Any]) -> Model:
+def _model(values: dict[str, Any]) -> BuiltShape:
     return generated(values["class"], values["seed"], values["index"])

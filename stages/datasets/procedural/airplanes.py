@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from b23d.stages.datasets.procedural.assembling import Assembly, Model
-from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.assembling import Assembly, BuiltShape
+from b23d.stages.datasets.procedural.drawing import Chance
 from b23d.stages.datasets.procedural.engines import COWLING, FAN, NACELLE, SPINNER, blades, pylon, turned
 from b23d.stages.datasets.procedural.forms import box
 from b23d.stages.datasets.procedural.fuselages import Fuselage
@@ -59,7 +59,7 @@ class Wing:
         return Section((x, self.y + self.dihedral * x, self.z + self.sweep * x), chord, thickness, bank)
 
 
-def airplane(draw: Draw) -> Model:
+def airplane(draw: Chance) -> BuiltShape:
     """One airplane."""
     family = draw.pick({"airliner": 0.36, "business": 0.2, "turboprop": 0.17, "light": 0.15, "glider": 0.12})
     shape = Assembly(KEYPOINTS, PARTS, COLORS[draw.whole(0, len(COLORS) - 1)] | GLASS, {"family": family})
@@ -75,7 +75,7 @@ def airplane(draw: Draw) -> Model:
     return shape.finished(draw.between(0.9, 1.1))
 
 
-def _fuselage(draw: Draw, family: str) -> Fuselage:
+def _fuselage(draw: Chance, family: str) -> Fuselage:
     if family == "light":
         return Fuselage(draw.between(0.072, 0.088), 0.2, 0.36, 0.2, False, 0.15, 0.35, 0.5)
     if family == "glider":
@@ -87,7 +87,7 @@ def _fuselage(draw: Draw, family: str) -> Fuselage:
     )  # fmt: skip
 
 
-def _wing_plan(draw: Draw, family: str, fuselage: Fuselage, style: dict[str, str]) -> Wing:
+def _wing_plan(draw: Chance, family: str, fuselage: Fuselage, style: dict[str, str]) -> Wing:
     high = draw.chance({"airliner": 0.12, "business": 0.0, "turboprop": 0.6, "light": 0.5, "glider": 0.6}[family])
     style["height"] = "high" if high else "low"
     y = fuselage.radius * (draw.between(0.6, 0.75) if high else draw.between(-0.65, -0.45))
@@ -114,7 +114,7 @@ def _wing_plan(draw: Draw, family: str, fuselage: Fuselage, style: dict[str, str
     )
 
 
-def _cockpit(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing: Wing, body: Solid) -> None:
+def _cockpit(shape: Assembly, draw: Chance, family: str, fuselage: Fuselage, wing: Wing, body: Solid) -> None:
     """Glass, the keypoints at the front, and an airliner's line of windows."""
     if family != "light":  # a light airplane's nose is its propeller's
         shape.mark("nose", body.vertices[-2])
@@ -138,7 +138,7 @@ def _cockpit(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing:
         shape.add("body", box((-wide, y, ends[0]), (wide, y + fuselage.radius * 0.14, ends[1]), STEP), tint="glass")
 
 
-def _wing(shape: Assembly, draw: Draw, family: str, wing: Wing, body: Solid) -> None:
+def _wing(shape: Assembly, draw: Chance, family: str, wing: Wing, body: Solid) -> None:
     sections = [wing.section(0.0, 0.13), wing.section(wing.kink, 0.12), wing.section(1.0, 0.1)]
     for name, edge in zip(("front", "back"), edges(sections), strict=True):
         shape.mark_pair(f"wing_root_{name}", crossing(edge, body))
@@ -166,7 +166,7 @@ def _winglet(tip: Section, high: float, bank: float) -> list[Section]:
     ]
 
 
-def _tail(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage) -> None:
+def _tail(shape: Assembly, draw: Chance, family: str, fuselage: Fuselage) -> None:
     kinds = {
         "airliner": {"conventional": 0.9, "T": 0.1}, "business": {"T": 0.75, "conventional": 0.25},
         "turboprop": {"T": 0.4, "conventional": 0.6}, "light": {"conventional": 0.7, "V": 0.3},
@@ -211,7 +211,7 @@ def _tailplane(shape: Assembly, plan: Wing) -> Solid:
     return solid
 
 
-def _engines(shape: Assembly, draw: Draw, family: str, fuselage: Fuselage, wing: Wing) -> None:
+def _engines(shape: Assembly, draw: Chance, family: str, fuselage: Fuselage, wing: Wing) -> None:
     shape.style["engines"] = "none"
     if family == "light":
         shape.style["engines"] = "nose"

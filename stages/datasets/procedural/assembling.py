@@ -10,7 +10,7 @@ from b23d.stages.datasets.procedural.solids import Solid
 
 
 @dataclass(frozen=True)
-class Model:
+class BuiltShape:
     """A finished shape. Up is +y, the front is -z (KeypointNet's convention: noses and seat fronts at -z); right is
     +x."""
 
@@ -82,7 +82,7 @@ class Assembly:
         self._marks[self.keypoint_names.index(f"right_{name}")] = position
         self._marks[self.keypoint_names.index(f"left_{name}")] = position * np.array([-1.0, 1.0, 1.0])
 
-    def finished(self, diagonal: float, turns: tuple[tuple[str, ...], ...] = ()) -> Model:
+    def finished(self, diagonal: float, turns: tuple[tuple[str, ...], ...] = ()) -> BuiltShape:
         """The shape, scaled so that its bounding box has this diagonal.
 
         `turns`: names of keypoints that one turn about y takes each to the next; those not present are left out whole.
@@ -93,7 +93,7 @@ class Assembly:
         scale = diagonal / np.linalg.norm(np.ptp(vertices, axis=0))
         ids = sorted(self._marks)
         colors = np.array([list(bytes.fromhex(color[1:])) for _, _, color in self._solids], np.uint8)
-        return Model(
+        return BuiltShape(
             vertices=(vertices * scale).astype(np.float32) + np.float32(0.0),  # + 0: a negated zero is written as zero
             faces=np.concatenate(
                 [solid.faces + at for (solid, _, _), at in zip(self._solids, offsets, strict=True)]

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from b23d.stages.datasets.procedural.assembling import Assembly
-from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.drawing import Chance
 from b23d.stages.datasets.procedural.forms import at, beam, beam_solid, box, post, post_solid
 from b23d.stages.datasets.procedural.solids import refined, revolve
 
 
 def four_legs(
     shape: Assembly,
-    draw: Draw,
+    draw: Chance,
     part: str,
     front: tuple[float, float],
     back: tuple[float, float],
@@ -75,7 +75,7 @@ def _high(end: np.ndarray, size: float) -> tuple[float, float, float]:
 
 def pedestal(
     shape: Assembly,
-    draw: Draw,
+    draw: Chance,
     part: str,
     kind: str,
     reach: float,

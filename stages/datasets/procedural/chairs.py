@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from b23d.stages.datasets.procedural.assembling import Assembly, Model
+from b23d.stages.datasets.procedural.assembling import Assembly, BuiltShape
 from b23d.stages.datasets.procedural.bases import four_legs, pedestal
-from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.drawing import Chance
 from b23d.stages.datasets.procedural.forms import at, box, plate, post, post_solid, slab, upright
 from b23d.stages.datasets.procedural.solids import Place, Solid, refined, tube
 
@@ -31,7 +31,7 @@ STEP = 0.045
 
 
 @dataclass(frozen=True)
-class Frame:
+class Proportions:
     """Proportions that the parts of one chair share. Metres."""
 
     half_width: float
@@ -56,7 +56,7 @@ class Frame:
         return np.stack([x, y + self.height, back], -1)
 
 
-def chair(draw: Draw) -> Model:
+def chair(draw: Chance) -> BuiltShape:
     """One chair."""
     base = draw.pick({"four legs": 0.5, "star": 0.2, "disc": 0.1, "sled": 0.2})
     back = draw.pick({"solid": 0.24, "slats": 0.2, "ladder": 0.16, "rounded": 0.16, "hoop": 0.1, "low": 0.14})
@@ -77,7 +77,7 @@ def chair(draw: Draw) -> Model:
     return shape.finished(draw.between(0.9, 1.1))
 
 
-def _frame(draw: Draw, back: str, seat: str) -> Frame:
+def _frame(draw: Chance, back: str, seat: str) -> Proportions:
     half_width, half_depth = draw.between(0.2, 0.28), draw.between(0.2, 0.26)
     height = draw.between(0.4, 0.5)
     back_height = draw.between(0.34, 0.62)
@@ -95,13 +95,13 @@ def _frame(draw: Draw, back: str, seat: str) -> Frame:
     if seat == "round":  # the back follows the seat's edge
         share = 0.68
         back_half_width, bend = half_width * share, half_depth * (1 - np.sqrt(1 - share**2)) * 0.95
-    return Frame(
+    return Proportions(
         half_width, half_depth, thickness, height, round_front, round_back, taper,
         back_half_width, back_height, back_z, draw.between(0.04, 0.26), bend,
     )  # fmt: skip
 
 
-def _seat(shape: Assembly, draw: Draw, f: Frame, cushion: bool) -> Place:
+def _seat(shape: Assembly, draw: Chance, f: Proportions, cushion: bool) -> Place:
     edge = f.thickness * (0.4 if cushion else 0.12)
     dome = draw.between(0.005, 0.025) if cushion else 0.0
     level = plate((f.half_width, f.thickness / 2, f.half_depth), f.round_front, f.round_back, edge, f.taper, dome)
@@ -116,7 +116,7 @@ def _seat(shape: Assembly, draw: Draw, f: Frame, cushion: bool) -> Place:
     return place
 
 
-def _back(shape: Assembly, draw: Draw, f: Frame, kind: str) -> None:
+def _back(shape: Assembly, draw: Chance, f: Proportions, kind: str) -> None:
     wide, high = f.back_half_width, f.back_height
     thick = draw.between(0.022, 0.04)
     if kind in ("solid", "rounded", "low"):
@@ -155,7 +155,7 @@ def _back(shape: Assembly, draw: Draw, f: Frame, kind: str) -> None:
             )
 
 
-def _panel(shape: Assembly, f: Frame, low: float, round_top: float, thick: float) -> None:
+def _panel(shape: Assembly, f: Proportions, low: float, round_top: float, thick: float) -> None:
     half = (f.back_half_width, thick / 2, (f.back_height - low) / 2)
     standing = upright(plate(half, back=round_top, edge=thick * 0.35))
 
@@ -166,14 +166,16 @@ def _panel(shape: Assembly, f: Frame, low: float, round_top: float, thick: float
     shape.mark_pair("back_top", at(place, 1, 1, 0))
 
 
-def _posts(shape: Assembly, f: Frame, x: float, high: float, half: float) -> None:
+def _posts(shape: Assembly, f: Proportions, x: float, high: float, half: float) -> None:
     upright_post = post(
         np.array([x, high, 0.0]), np.array([x, -f.thickness * 0.7, 0.0]), (half, half), (half, half), False
     )
     shape.add_pair("back", post_solid(upright_post, high, STEP, False).placed(f.leaning))
 
 
-def _rail(shape: Assembly, f: Frame, low: float, high: float, wide: float, thick: float, mark: bool = False) -> None:
+def _rail(
+    shape: Assembly, f: Proportions, low: float, high: float, wide: float, thick: float, mark: bool = False
+) -> None:
     rail = upright(plate((wide, thick / 2, (high - low) / 2), back=0.15 * mark, edge=thick * 0.2))
 
     def place(lattice: np.ndarray) -> np.ndarray:
@@ -184,7 +186,7 @@ def _rail(shape: Assembly, f: Frame, low: float, high: float, wide: float, thick
         shape.mark_pair("back_top", at(place, 1, 1, 0))
 
 
-def _spindles(shape: Assembly, f: Frame, pairs: int, wide: float, low: float, high: float, half: float) -> None:
+def _spindles(shape: Assembly, f: Proportions, pairs: int, wide: float, low: float, high: float, half: float) -> None:
     gap = wide / (pairs + 0.5)
     for k in range(pairs):
         x = (k + 0.5) * gap
@@ -192,7 +194,7 @@ def _spindles(shape: Assembly, f: Frame, pairs: int, wide: float, low: float, hi
         shape.add_pair("back", post_solid(spindle, high - low, STEP, True).placed(f.leaning))
 
 
-def _hoop(shape: Assembly, draw: Draw, f: Frame, radius: float) -> None:
+def _hoop(shape: Assembly, draw: Chance, f: Proportions, radius: float) -> None:
     """A bent rod from seat to seat, with spindles that end in it (a Windsor chair's bow)."""
     wide, high = f.back_half_width, f.back_height
     turn = np.linspace(0.0, np.pi / 2, 13)
@@ -213,7 +215,7 @@ def _hoop(shape: Assembly, draw: Draw, f: Frame, radius: float) -> None:
         shape.add_pair("back", post_solid(spindle, top[1], STEP, True).placed(f.leaning))
 
 
-def _base(shape: Assembly, draw: Draw, f: Frame, kind: str, seat: Place) -> None:
+def _base(shape: Assembly, draw: Chance, f: Proportions, kind: str, seat: Place) -> None:
     thick, under = draw.between(0.028, 0.045), f.height - f.thickness * 0.5
     if kind == "four legs":
         inset = 1 - draw.between(0.7, 1.6) * thick / f.half_width
@@ -228,7 +230,7 @@ def _base(shape: Assembly, draw: Draw, f: Frame, kind: str, seat: Place) -> None
         pedestal(shape, draw, "leg", star, reach, under, draw.between(0.05, 0.075), STEP)
 
 
-def _sled(shape: Assembly, draw: Draw, f: Frame, under: float, cantilever: bool) -> None:
+def _sled(shape: Assembly, draw: Chance, f: Proportions, under: float, cantilever: bool) -> None:
     """A rod at either side: down at the front, back along the ground, and up again, or not (a cantilever)."""
     shape.style["base"] = "cantilever" if cantilever else "sled"
     radius, x = draw.between(0.011, 0.016), f.half_width * (1 - f.taper) * 0.86
@@ -251,7 +253,7 @@ def _sled(shape: Assembly, draw: Draw, f: Frame, under: float, cantilever: bool)
     shape.mark_pair("back_foot", runner.farthest(x=0.1, y=-1.0, z=0.6))
 
 
-def _arms(shape: Assembly, draw: Draw, f: Frame, foremost: float, panel: bool) -> None:
+def _arms(shape: Assembly, draw: Chance, f: Proportions, foremost: float, panel: bool) -> None:
     """Arms that begin behind z = `foremost`, so that they hide no corner of the seat, and end in the back."""
     above, thick = draw.between(0.17, 0.24), draw.between(0.022, 0.035)
     wide = draw.between(0.04, 0.06) if not panel else draw.between(0.05, 0.09)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from b23d.stages.datasets.procedural import generated
-from b23d.stages.datasets.procedural.assembling import Model
+from b23d.stages.datasets.procedural.assembling import BuiltShape
 from b23d.stages.datasets.procedural.isometric import isometric_cubes
 from b23d.stages.datasets.procedural.solids import Solid
 
@@ -65,13 +65,13 @@ def _facing_front(vertices: np.ndarray) -> np.ndarray:
     return np.stack([vertices[:, 0], vertices[:, 2], -vertices[:, 1]], axis=-1)
 
 
-def _of_part(model: Model, name: str) -> np.ndarray:
+def _of_part(model: BuiltShape, name: str) -> np.ndarray:
     """(v,) bool: the vertices of a part; parts share none."""
     chosen = np.zeros(len(model.vertices), bool)
     chosen[model.faces[model.face_labels == model.part_names.index(name)]] = True
     return chosen
 
 
-def _both(model: Model, after: np.ndarray) -> tuple[Solid, Solid]:
+def _both(model: BuiltShape, after: np.ndarray) -> tuple[Solid, Solid]:
     faces = model.faces.astype(np.int64)
     return Solid(model.vertices.astype(np.float64), faces), Solid(after, faces)

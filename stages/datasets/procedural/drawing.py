@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 
-class Draw:
+class Chance:
     """A stream of random choices that depends on `key` only.
 
     Built on `random.Random(str).random()`, the one sequence that Python promises never to change; NumPy's generators

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from b23d.stages.datasets.procedural.assembling import Assembly, Model
-from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.assembling import Assembly, BuiltShape
+from b23d.stages.datasets.procedural.drawing import Chance
 from b23d.stages.datasets.procedural.solids import Solid, crossing, refined, revolve, tube
 
 KEYPOINTS = (
@@ -27,7 +27,7 @@ STEP = 0.7
 AROUND = 48
 
 
-def mug(draw: Draw) -> Model:
+def mug(draw: Chance) -> BuiltShape:
     """One mug."""
     form = draw.pick({"straight": 0.3, "tapered": 0.25, "bellied": 0.2, "flared": 0.15, "cup": 0.1})
     handle = draw.pick({"ring": 0.35, "square": 0.2, "ear": 0.25, "none": 0.2})
@@ -54,7 +54,7 @@ def mug(draw: Draw) -> Model:
     return shape.finished(draw.between(0.9, 1.1))
 
 
-def _wall(draw: Draw, form: str, radius: float, height: float) -> np.ndarray:
+def _wall(draw: Chance, form: str, radius: float, height: float) -> np.ndarray:
     """The outer wall from foot to rim: (m, 2) radius and height."""
     t = np.linspace(0.0, 1.0, 15)
     amount = draw.between(0.12, 0.28)
@@ -103,7 +103,7 @@ def _body(outer: np.ndarray, wall: float, floor: float) -> tuple[Solid, dict[str
     return revolve(profile, AROUND), marks
 
 
-def _handle(shape: Assembly, draw: Draw, kind: str, body: Solid, height: float, wall: float) -> None:
+def _handle(shape: Assembly, draw: Chance, kind: str, body: Solid, height: float, wall: float) -> None:
     """A bow in the plane x = 0 that stands on the straight line between its two ends, which are halfway into the wall.
 
     The bow is half a superellipse: exponent 2.2 nearly a ring's, 4 nearly a rectangle's; an ear's is drawn out at the

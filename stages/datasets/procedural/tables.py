@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from b23d.stages.datasets.procedural.assembling import Assembly, Model
+from b23d.stages.datasets.procedural.assembling import Assembly, BuiltShape
 from b23d.stages.datasets.procedural.bases import four_legs, pedestal
-from b23d.stages.datasets.procedural.drawing import Draw
+from b23d.stages.datasets.procedural.drawing import Chance
 from b23d.stages.datasets.procedural.forms import at, box, plate, slab
 from b23d.stages.datasets.procedural.solids import Place, block, even
 
@@ -33,7 +33,7 @@ STEP = 0.07
 """Longest side of a cell."""
 
 
-def table(draw: Draw) -> Model:
+def table(draw: Chance) -> BuiltShape:
     """One table."""
     top = draw.pick({"rectangular": 0.45, "rounded": 0.15, "round": 0.22, "oval": 0.18})
     base = draw.pick({"four legs": 0.5, "pedestal": 0.3, "trestle": 0.2})
@@ -69,7 +69,7 @@ def table(draw: Draw) -> Model:
     return shape.finished(draw.between(0.9, 1.1), _turns(quarter))
 
 
-def _half_sizes(draw: Draw, top: str, base: str, size: str) -> tuple[float, float]:
+def _half_sizes(draw: Chance, top: str, base: str, size: str) -> tuple[float, float]:
     depth = {"dining": (0.38, 0.5), "coffee": (0.26, 0.42), "bar": (0.26, 0.36), "side": (0.2, 0.3)}[size]
     z = draw.between(*depth)
     longest = 1.5 if base in ("disc", "pedestal") or size in ("bar", "side") else 2.2
@@ -95,7 +95,7 @@ def _top(
     return place
 
 
-def _legs(shape: Assembly, draw: Draw, half: tuple[float, float], top: Place, under: float, roundness: float) -> None:
+def _legs(shape: Assembly, draw: Chance, half: tuple[float, float], top: Place, under: float, roundness: float) -> None:
     thick = draw.between(0.04, 0.075)
     corner = at(top, 1, 0, 1)
     x, z = corner[0] - thick * draw.between(0.6, 1.0), corner[2] - thick * draw.between(0.6, 1.0)
@@ -119,7 +119,7 @@ def _apron(shape: Assembly, x: float, z: float, high: float, low: float, half: f
     shape.add_pair("apron", box((x - half, low, -z), (x + half, high, z), STEP))
 
 
-def _trestle(shape: Assembly, draw: Draw, half: tuple[float, float], under: float, roundness: float) -> None:
+def _trestle(shape: Assembly, draw: Chance, half: tuple[float, float], under: float, roundness: float) -> None:
     """Two end frames, open or boarded, joined by a stretcher."""
     thick = draw.between(0.045, 0.08)
     x, z = half[0] * draw.between(0.6, 0.78), half[1] * (0.85 if roundness < 0.5 else 0.6)

@@ -15,7 +15,7 @@ from b23d.pipeline.run import Run
 from b23d.schemas.features import PointFeatures
 from b23d.schemas.params import Params
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.workbench.results.gathering import Entry, Gathering
+from b23d.stages.workbench.results.gathering import Gathering, ShapeResults
 
 
 class AnalysisParams(Params):
@@ -27,7 +27,7 @@ class AnalysisParams(Params):
 
 
 @dataclass
-class Part:
+class ExecutedMember:
     """One executed run of an analysis: a value of a sweep, a variant, or the run itself."""
 
     label: str
@@ -36,7 +36,7 @@ class Part:
     run: Run
 
     @cached_property
-    def entries(self) -> dict[str, Entry]:
+    def entries(self) -> dict[str, ShapeResults]:
         """Shape's name → what the run has of it; shapes that failed are left out."""
         gathered = Gathering(self.run)
         found = {shape.name: gathered.entry(shape) for shape in self.run.shapes}
@@ -50,7 +50,7 @@ class Part:
             return getattr(self.run.config.params[words[1]], words[2])
         return self.label
 
-    def described(self) -> Iterator[tuple[Entry, NormalizedShape, PointFeatures]]:
+    def described(self) -> Iterator[tuple[ShapeResults, NormalizedShape, PointFeatures]]:
         """Every shape that has features. Raises ValueError where none has."""
         found = [
             (e, e.normalized, e.features)
@@ -100,6 +100,6 @@ class Result:
     blocks: list[Chart | Pictures] = field(default_factory=list)
 
 
-def classes_of(part: Part) -> list[str]:
+def classes_of(part: ExecutedMember) -> list[str]:
     """The classes of a run's shapes, sorted."""
     return sorted({entry.shape.category for entry in part.entries.values()})

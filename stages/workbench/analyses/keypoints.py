@@ -10,10 +10,10 @@ import pandas as pd
 
 from b23d.schemas.views import Views
 from b23d.stages.geometry.cameras import project
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Part, Pictures, Result, classes_of
+from b23d.stages.workbench.analyses.interface import AnalysisParams, ExecutedMember, Pictures, Result, classes_of
 from b23d.stages.workbench.pictures.painting import Mark, marks, nearest_view
 from b23d.stages.workbench.pictures.palette import id_color
-from b23d.stages.workbench.results.gathering import Entry
+from b23d.stages.workbench.results.gathering import ShapeResults
 
 PIXELS = 336
 RADIUS, INNER = 8, 6  # pixels: of rings and of discs
@@ -30,7 +30,7 @@ def needs(params: Parameters) -> list[str]:
     return ["normalize", "render", "score"]
 
 
-def analyse(parts: list[Part], params: Parameters) -> Result:
+def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     """Raises ValueError where nothing is scored, that is where no shape but the shots is annotated."""
     from b23d.stages.workbench.results.scores import run_scores
 
@@ -59,7 +59,7 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
     )  # fmt: skip
 
 
-def _drawn(part: Part, category: str, draw: int | None) -> list[tuple[str, np.ndarray]]:
+def _drawn(part: ExecutedMember, category: str, draw: int | None) -> list[tuple[str, np.ndarray]]:
     shots, targets = [], []
     seeds = sorted(
         {seed for entry in part.entries.values() for seed in [*entry.shot_of, *(a.draw for a in entry.attempts)]}
@@ -79,7 +79,7 @@ def _drawn(part: Part, category: str, draw: int | None) -> list[tuple[str, np.nd
     return shots + targets
 
 
-def _label(entry: Entry) -> str:
+def _label(entry: ShapeResults) -> str:
     return entry.shape.id if entry.keypoints is not None else f"{entry.shape.id}: not annotated"
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from b23d.stages.workbench.analyses.interface import Chart, Part, Pictures, Result
+from b23d.stages.workbench.analyses.interface import Chart, ExecutedMember, Pictures, Result
 from b23d.stages.workbench.pictures.coloring import PLASMA
 from b23d.stages.workbench.pictures.packing import data_uri
 from b23d.stages.workbench.pictures.painting import webp
@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 STYLE = HERE.parent / "report" / "static" / "report.css"
 
 
-def render_page(name: str, source: str, parts: list[Part], result: Result, paper: str) -> str:
+def render_page(name: str, source: str, parts: list[ExecutedMember], result: Result, paper: str) -> str:
     """The page. `source`: the run file's name with its overrides; `paper`: what is quoted, or ""."""
     from jinja2 import Environment, FileSystemLoader
     from markupsafe import Markup

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Part, Pictures, Result, classes_of
+from b23d.stages.workbench.analyses.interface import AnalysisParams, ExecutedMember, Pictures, Result, classes_of
 from b23d.stages.workbench.pictures.painting import picture
 from b23d.stages.workbench.pictures.principal import fit_basis
 
@@ -26,7 +26,7 @@ def needs(params: Parameters) -> list[str]:
     return ["normalize", params.features]
 
 
-def analyse(parts: list[Part], params: Parameters) -> Result:
+def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     """Raises ValueError where a class has no features."""
     rows, blocks = [], []
     for category in classes_of(parts[0]):

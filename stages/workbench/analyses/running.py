@@ -15,7 +15,7 @@ from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
 from b23d.stages.workbench.analyses import module_of
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Part, Result
+from b23d.stages.workbench.analyses.interface import AnalysisParams, ExecutedMember, Result
 from b23d.stages.workbench.analyses.page import cells
 
 
@@ -38,7 +38,7 @@ def analysis_of(config: Config) -> tuple[ModuleType, AnalysisParams]:
 
 def executed(
     console: Console, config: Config, outputs: list[str], store: str | None, workers: int | None
-) -> list[Part]:
+) -> list[ExecutedMember]:
     """The run's members, or the run itself where it has none, with these outputs; only what is missing is made."""
     parts = []
     for member in members(config) or [Member(config.file.name, config.overrides)]:
@@ -52,7 +52,7 @@ def executed(
             console.print(
                 f"  [red]✗[/] {failure.stage}: {escape(failure.error)}; left out", highlight=False, soft_wrap=True
             )
-        parts.append(Part(member.label, member.series, loaded))
+        parts.append(ExecutedMember(member.label, member.series, loaded))
     return parts
 
 

@@ -20,7 +20,7 @@ from b23d.stages.geometry.keypoints import keypoint_candidates
 from b23d.stages.solvers.scaling import scale_features
 from b23d.stages.workbench.analyses.comparing import nearer_share
 from b23d.stages.workbench.analyses.drawing import SOFT, finish
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, Part, Result, classes_of
+from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result, classes_of
 from b23d.stages.workbench.pictures.palette import class_color
 
 SHARES = np.geomspace(0.0005, 1, 60)
@@ -61,7 +61,7 @@ def needs(params: Parameters) -> list[str]:
     return ["normalize", params.features]
 
 
-def analyse(parts: list[Part], params: Parameters) -> Result:
+def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     """Raises ValueError where no two shapes of a class have a keypoint in common."""
     rows, curves = [], []
     for part in parts:
@@ -89,7 +89,7 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
     )  # fmt: skip
 
 
-def described(part: Part, category: str, params: Parameters) -> list[Described]:
+def described(part: ExecutedMember, category: str, params: Parameters) -> list[Described]:
     """The annotated shapes of a class."""
     found = []
     for entry, shape, features in part.described():

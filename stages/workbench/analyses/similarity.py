@@ -17,7 +17,15 @@ from b23d.schemas.features import PointFeatures
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.workbench.analyses.comparing import cosine, typical_difference
 from b23d.stages.workbench.analyses.drawing import add_band, finish
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, Part, Pictures, Result, Scale, classes_of
+from b23d.stages.workbench.analyses.interface import (
+    AnalysisParams,
+    Chart,
+    ExecutedMember,
+    Pictures,
+    Result,
+    Scale,
+    classes_of,
+)
 from b23d.stages.workbench.pictures.coloring import plasma
 from b23d.stages.workbench.pictures.painting import picture
 from b23d.stages.workbench.pictures.palette import class_color
@@ -38,7 +46,7 @@ class Parameters(AnalysisParams):
 
 
 @dataclass(frozen=True)
-class Pair:
+class ComparedPair:
     """One shape against the reference of its class, point by point."""
 
     name: str
@@ -57,7 +65,7 @@ def needs(params: Parameters) -> list[str]:
     return ["normalize", params.features]
 
 
-def analyse(parts: list[Part], params: Parameters) -> Result:
+def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     """Raises ValueError where a class has no two shapes, or their candidates do not correspond."""
     found = [(part.label, _pairs(part, params)) for part in parts]
     rows = [row for label, pairs in found for pair in pairs for row in _rows(label, pair, params.zones)]
@@ -84,7 +92,7 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
     )  # fmt: skip
 
 
-def _pairs(part: Part, params: Parameters) -> list[Pair]:
+def _pairs(part: ExecutedMember, params: Parameters) -> list[ComparedPair]:
     pairs = []
     for category in classes_of(part):
         shapes = [item for item in part.described() if item[0].shape.category == category]
@@ -106,7 +114,7 @@ def _pair(
     names: tuple[str, str],
     shapes: tuple[NormalizedShape, NormalizedShape],
     features: tuple[PointFeatures, PointFeatures],
-) -> Pair:
+) -> ComparedPair:
     from scipy.spatial import cKDTree
 
     first, second = shapes
@@ -129,13 +137,13 @@ def _pair(
     a, b = (each.features.astype(np.float64) for each in features)
     seen = features[0].observed & features[1].observed
     typical = typical_difference(a[features[0].observed]) or 1.0
-    return Pair(
+    return ComparedPair(
         names[0].split("/")[0], shapes, (names[0], names[1]), np.where(changed, 0.0, away), seen, cosine(a, b),
         np.linalg.norm(a - b, axis=1) / typical,
     )  # fmt: skip
 
 
-def _rows(label: str, pair: Pair, zones: list[float]) -> list[dict[str, object]]:
+def _rows(label: str, pair: ComparedPair, zones: list[float]) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     named = [("changed", pair.away == 0), (f"< {zones[0]:g}", (pair.away > 0) & (pair.away < zones[0]))]
     named += [(f"{low:g} – {high:g}", (pair.away >= low) & (pair.away < high)) for low, high in pairwise(zones)]
@@ -152,13 +160,13 @@ def _rows(label: str, pair: Pair, zones: list[float]) -> list[dict[str, object]]
     return rows
 
 
-def _drawn(pair: Pair) -> list[tuple[str, np.ndarray]]:
+def _drawn(pair: ComparedPair) -> list[tuple[str, np.ndarray]]:
     colors = plasma(np.clip(pair.difference, 0, 1))
     colors[~pair.seen] = 160
     return [(label, picture(shape, colors, PIXELS)) for label, shape in zip(pair.labels, pair.shapes, strict=True)]
 
 
-def _figure(found: list[tuple[str, list[Pair]]]) -> go.Figure:
+def _figure(found: list[tuple[str, list[ComparedPair]]]) -> go.Figure:
     """Difference over distance from what was changed: a column a pair, a line a descriptor."""
     from plotly.subplots import make_subplots
 
@@ -181,7 +189,7 @@ def _figure(found: list[tuple[str, list[Pair]]]) -> go.Figure:
     return finish(figure, "distance from the change, longest sides", "difference / typical difference")
 
 
-def _binned(pair: Pair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _binned(pair: ComparedPair) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middles, means and standard deviations of the difference: changed points first, at 0, then equally wide bins."""
     finite = np.where(np.isfinite(pair.away), pair.away, 0)
     edges = np.linspace(0, float(finite.max()) or 1.0, BINS + 1)

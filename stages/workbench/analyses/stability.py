@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 
 from b23d.stages.workbench.analyses.comparing import centred, cosine
 from b23d.stages.workbench.analyses.drawing import SOFT, add_band, finish
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, Part, Result
+from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result
 from b23d.stages.workbench.pictures.palette import class_color
 
 
@@ -64,7 +64,7 @@ def needs(params: Parameters) -> list[str]:
     return [params.features]
 
 
-def analyse(parts: list[Part], params: Parameters) -> Result:
+def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     """Raises ValueError where no run has the reference value, or where a run's points are not the reference's."""
     reference = next((part for part in parts if part.value == params.reference), None)
     if reference is None:
@@ -91,7 +91,7 @@ def analyse(parts: list[Part], params: Parameters) -> Result:
     )  # fmt: skip
 
 
-def _compared(part: Part, reference: Part) -> dict[str, float]:
+def _compared(part: ExecutedMember, reference: ExecutedMember) -> dict[str, float]:
     plain, without, seen = [], [], []
     others = {entry.shape.name: features for entry, _, features in part.described()}
     for entry, _, expected in reference.described():
@@ -150,7 +150,7 @@ def _figure(table: pd.DataFrame, axis: Axis, reference: float) -> go.Figure:
     return finish(figure, axis.title, f"similarity to the features at {reference:g}{axis.unit}")
 
 
-def _caption(reference: Part, params: Parameters) -> str:
+def _caption(reference: ExecutedMember, params: Parameters) -> str:
     entries = list(reference.described())
     shapes, points = len(entries), sum(len(features.observed) for _, _, features in entries)
     smoothed = "smoothed" if params.features == "reweight" else "as the views give them"

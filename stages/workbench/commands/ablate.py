@@ -16,7 +16,7 @@ from rich.console import Console
 
 from b23d.pipeline.config import load_config
 from b23d.pipeline.members import Member
-from b23d.pipeline.verbs.options import Limit, StoreUrl, Workers
+from b23d.pipeline.verbs.options import Limit, Set, StoreUrl, Workers
 from b23d.stages.workbench.results.changes import changes, members
 from b23d.stages.workbench.results.series import run_series, series_json, series_plot, series_table
 
@@ -44,9 +44,7 @@ def ablate(
             "are seen there; repeatable, '' for none. Only fields that differ between the two settings take one.",
         ),
     ] = DETOURS,
-    set: Annotated[
-        list[str], typer.Option("--set", metavar="a.b=value", help="Fixed throughout: no step changes it.")
-    ] = [],
+    set: Set = [],
     store: StoreUrl = None,
     workers: Workers = None,
     limit: Limit = None,

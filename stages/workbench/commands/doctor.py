@@ -11,11 +11,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
+
+from b23d.pipeline.verbs.options import DEFAULT_STORE, StoreUrl
 
 
 @dataclass(frozen=True)
@@ -28,16 +29,16 @@ class Finding:
     """False: the main job runs without it."""
 
 
-def doctor(store: Annotated[str, typer.Option("--store", metavar="PATH|URL")] = "runs/.store") -> None:
+def doctor(store: StoreUrl = None) -> None:
     """Python, torch, GPU, renderers, weights, store: what works, what is missing, how to mend it."""
-    console, sick = Console(), False
+    console, failed = Console(), False
     checks: list[Callable[[], Iterator[Finding]]] = [
         _python,
         _packages,
         _torch,
         _renderers,
         _weights,
-        lambda: _store(store),
+        lambda: _store(store or DEFAULT_STORE),
     ]
     for check in checks:
         for finding in check():
@@ -45,8 +46,8 @@ def doctor(store: Annotated[str, typer.Option("--store", metavar="PATH|URL")] = 
             console.print(f"{mark} [bold]{finding.what}[/]: {escape(finding.detail)}", highlight=False, soft_wrap=True)
             if not finding.works and finding.mend:
                 console.print(f"    → {escape(finding.mend)}", highlight=False, soft_wrap=True)
-            sick |= finding.needed and not finding.works
-    if sick:
+            failed |= finding.needed and not finding.works
+    if failed:
         raise typer.Exit(1)
 
 

@@ -11,35 +11,30 @@ from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.run import Report, Run
+from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from b23d.stages.workbench.results.keypoints import Found
+    from b23d.stages.workbench.results.keypoints import FoundKeypoints
 
 SHOWN = 40
 """Rows that are printed where no file is asked for."""
 
 
 def keypoints(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run file (TOML).")],
+    run: RunPath,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="FILE", help=".csv, .json, .parquet, or .ply (one shape). Default: print."),
     ] = None,
-    shape: Annotated[
-        list[str], typer.Option("--shape", metavar="NAME", help="Only these: a name, an id or a glob; repeatable.")
-    ] = [],
-    category: Annotated[
-        list[str], typer.Option("--class", metavar="CLASS", help="Only these classes; repeatable.")
-    ] = [],
+    shape: Shapes = [],
+    category: Classes = [],
     draw: Annotated[list[int], typer.Option("--draw", help="Of these draws of shots; repeatable.")] = [],
     all_draws: Annotated[bool, typer.Option("--all-draws", help="Of every draw whose shots differ.")] = False,
     present: Annotated[bool, typer.Option("--present", help="Without those that are judged absent.")] = False,
-    set: Annotated[
-        list[str], typer.Option("--set", metavar="a.b=value", help="Override anything the run file says; repeatable.")
-    ] = [],
-    store: Annotated[str | None, typer.Option("--store", metavar="PATH|URL")] = None,
+    set: Set = [],
+    store: StoreUrl = None,
 ) -> None:
     """One row a keypoint: class, shape, id, name, x y z in the file's own coordinates, nearest vertex, face and
     barycentrics, confidence, present."""
@@ -77,7 +72,7 @@ def keypoints(
         console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
 
 
-def notes(found: Found, asked: bool) -> list[str]:
+def notes(found: FoundKeypoints, asked: bool) -> list[str]:
     """Which draws these are, and what is not there."""
     lines = []
     for category, seeds in found.draws.items():

@@ -27,14 +27,14 @@ from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
 from b23d.pipeline.selection import Selection
-from b23d.pipeline.verbs.options import Limit, StoreUrl, Workers
+from b23d.pipeline.verbs.options import Limit, Set, StoreUrl, Workers
 
 
 def sweep(
     run: Annotated[
         Path, typer.Argument(metavar="RUN", help="Run file; its [sweep] and [variants] tables say what is run.")
     ],
-    set: Annotated[list[str], typer.Option("--set", metavar="a.b=value", help="Fixed throughout.")] = [],
+    set: Set = [],
     store: StoreUrl = None,
     workers: Workers = None,
     limit: Limit = None,

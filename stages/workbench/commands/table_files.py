@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from b23d.stages.workbench.pictures.palette import id_color, rgb
-from b23d.stages.workbench.pictures.solids import Part, write_ply
+from b23d.stages.workbench.pictures.solids import SceneObject, write_ply
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +46,7 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
         write_ply(_points(table), path, [_title(table)])
 
 
-def _points(table: pd.DataFrame) -> Part:
+def _points(table: pd.DataFrame) -> SceneObject:
     """A coloured vertex a keypoint."""
     ids = table["id"].to_numpy(np.int64)
     colors = np.array([rgb(id_color(int(number))) for number in ids], np.uint8).reshape(-1, 3)
@@ -55,7 +55,7 @@ def _points(table: pd.DataFrame) -> Part:
         "present": table["present"].to_numpy(np.float32),
         "confidence": table["confidence"].to_numpy(np.float32, na_value=np.nan),
     }
-    return Part("keypoints", table[["x", "y", "z"]].to_numpy(np.float64), colors, scalars=scalars)
+    return SceneObject("keypoints", table[["x", "y", "z"]].to_numpy(np.float64), colors, scalars=scalars)
 
 
 def _title(table: pd.DataFrame) -> str:

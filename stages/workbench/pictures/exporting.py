@@ -37,7 +37,7 @@ from b23d.stages.workbench.pictures.palette import id_color, rgb
 from b23d.stages.workbench.pictures.solids import (
     RADIUS,
     TRUE_RADIUS,
-    Part,
+    SceneObject,
     merged,
     octahedra,
     sphere,
@@ -45,7 +45,7 @@ from b23d.stages.workbench.pictures.solids import (
     write_ply,
 )
 from b23d.stages.workbench.pictures.thumbnails import distance_colors, token_colors
-from b23d.stages.workbench.results.gathering import Entry, Gathering
+from b23d.stages.workbench.results.gathering import Gathering, ShapeResults
 
 PICTURE = 800  # pixels
 TILE, ACROSS = 224, 8  # of a contact sheet
@@ -128,7 +128,7 @@ def contact_sheet(images: np.ndarray, resampling: int | None = None) -> np.ndarr
 
 def _parts(
     run: Run, shape: str, stage: str, draw: int | None, artifact: Artifact, suffix: str, frame: FrameName
-) -> list[Part]:
+) -> list[SceneObject]:
     if not isinstance(artifact, NormalizedShape | PointFeatures | GeodesicDistances | Prediction):
         raise ValueError(_refusal(suffix, stage, artifact))
     normalized = artifact if isinstance(artifact, NormalizedShape) else _normalized(run, shape)
@@ -144,7 +144,7 @@ def _parts(
     else:
         colors = _candidate_colors(run, shape, stage, artifact)
         assert colors is not None
-        parts = [Part("candidates", normalized.points, colors, scalars=_scalars(artifact))]
+        parts = [SceneObject("candidates", normalized.points, colors, scalars=_scalars(artifact))]
     return [replace(part, vertices=in_frame(part.vertices, normalized, frame)) for part in parts]
 
 
@@ -168,13 +168,13 @@ def _candidate_colors(run: Run, shape: str, stage: str, artifact: Artifact) -> n
     return distance_colors(artifact) if isinstance(artifact, GeodesicDistances) else None
 
 
-def _ball(mark: Mark) -> Part:
+def _ball(mark: Mark) -> SceneObject:
     if mark.true:
         return sphere(f"annotated {mark.id}", mark.position, TRUE_RADIUS, BLACK)
     return sphere(f"predicted {mark.id}", mark.position, RADIUS, rgb(id_color(mark.id)))
 
 
-def _entry(run: Run, shape: str) -> Entry:
+def _entry(run: Run, shape: str) -> ShapeResults:
     return Gathering(run).entry(next(item for item in run.shapes if item.name == shape))
 
 

@@ -9,7 +9,7 @@ from b23d.pipeline.run import Run
 from b23d.schemas.shape import NormalizedShape, Source
 from b23d.stages.normalize import NormalizeParams, normalize
 from b23d.stages.workbench.pictures.painting import GREY
-from b23d.stages.workbench.pictures.solids import Part
+from b23d.stages.workbench.pictures.solids import SceneObject
 
 
 def in_frame(vertices: np.ndarray, shape: NormalizedShape, frame: FrameName) -> np.ndarray:
@@ -29,16 +29,16 @@ def original(run: Run, shape: str, normalized: NormalizedShape) -> NormalizedSha
     return normalize(source, params.model_copy(update={"watertight": False, "candidates": "fps", "count": 1}))
 
 
-def shape_part(shape: NormalizedShape) -> Part:
+def shape_part(shape: NormalizedShape) -> SceneObject:
     """The surface with its texture or colours, or the cloud's points; unit frame."""
     if shape.face_uvs is not None and shape.texture is not None:  # corners of their own: a vertex may have several uvs
         corners = np.arange(3 * len(shape.faces), dtype=np.int32).reshape(-1, 3)
         vertices = shape.vertices[shape.faces].reshape(-1, 3)
         uvs = shape.face_uvs.reshape(-1, 2)
-        return Part("shape", vertices, sampled(shape.texture, uvs), corners, uvs=uvs, texture=shape.texture)
+        return SceneObject("shape", vertices, sampled(shape.texture, uvs), corners, uvs=uvs, texture=shape.texture)
     grey = np.tile(np.array(GREY, np.uint8), (len(shape.vertices), 1))
     faces = shape.faces if shape.kind == "mesh" else np.zeros((0, 3), np.int32)
-    return Part("shape", shape.vertices, grey if shape.vertex_colors is None else shape.vertex_colors, faces)
+    return SceneObject("shape", shape.vertices, grey if shape.vertex_colors is None else shape.vertex_colors, faces)
 
 
 def sampled(texture: np.ndarray, uvs: np.ndarray) -> np.ndarray:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from b23d.pipeline.inspection import MARK
-from b23d.stages.workbench.pictures.solids import Part
+from b23d.stages.workbench.pictures.solids import SceneObject
 
 
-def write_obj(parts: list[Part], path: Path, comment: str) -> None:
+def write_obj(parts: list[SceneObject], path: Path, comment: str) -> None:
     """Written here, not by trimesh: it gives eight decimals to coordinates of any size, and names no object.
 
     Points without faces become `p` elements.
@@ -43,7 +43,7 @@ def write_obj(parts: list[Part], path: Path, comment: str) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _material(part: Part, path: Path, number: int) -> list[str]:
+def _material(part: SceneObject, path: Path, number: int) -> list[str]:
     """The MTL's lines: the texture, its image written beside the OBJ; the colour where there is one; white, which lets
     the vertices' colours through."""
     if part.texture is None:

@@ -18,7 +18,7 @@ from b23d.schemas.views import Views
 from b23d.stages.geometry.cameras import rotations
 from b23d.stages.workbench.pictures.palette import id_color
 from b23d.stages.workbench.pictures.surface import point_normals
-from b23d.stages.workbench.results.gathering import Entry
+from b23d.stages.workbench.results.gathering import ShapeResults
 
 DIRECTION = np.deg2rad(np.array([[145.0, 22.0]]))  # azimuth from +z towards +x, elevation
 LIGHT = np.array([0.35, 0.8, -0.5]) / np.linalg.norm([0.35, 0.8, -0.5])
@@ -88,7 +88,7 @@ def nearest_view(views: Views) -> int:
     return int((eyes @ wanted / np.linalg.norm(eyes, axis=1)).argmax())
 
 
-def marks(entry: Entry, prediction: Prediction) -> list[Mark]:
+def marks(entry: ShapeResults, prediction: Prediction) -> list[Mark]:
     """Marks of the keypoints judged present and of the annotated ones."""
     found = zip(prediction.ids, prediction.positions, prediction.present, strict=True)
     truth = entry.keypoints.ids if entry.keypoints is not None else ()

@@ -17,7 +17,7 @@ POINT = 0.0025  # half the width of a candidate that has to be a solid
 
 
 @dataclass
-class Part:
+class SceneObject:
     """Vertices with colours and scalars, and faces if it is a surface."""
 
     name: str
@@ -33,27 +33,29 @@ class Part:
     texture: np.ndarray | None = None
 
 
-def sphere(name: str, center: np.ndarray, radius: float, color: tuple[int, int, int]) -> Part:
+def sphere(name: str, center: np.ndarray, radius: float, color: tuple[int, int, int]) -> SceneObject:
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=2, radius=radius)
     vertices = (ball.vertices + center).astype(np.float32)
-    return Part(name, vertices, np.tile(np.array(color, np.uint8), (len(vertices), 1)), ball.faces.astype(np.int32))
+    return SceneObject(
+        name, vertices, np.tile(np.array(color, np.uint8), (len(vertices), 1)), ball.faces.astype(np.int32)
+    )
 
 
-def octahedra(name: str, points: np.ndarray, colors: np.ndarray) -> Part:
+def octahedra(name: str, points: np.ndarray, colors: np.ndarray) -> SceneObject:
     """Points (n, 3) as tiny solids, so that they are seen beside surfaces: many programs hide bare points there."""
     corners = POINT * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     sides = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
     faces = sides + 6 * np.arange(len(points))[:, None, None]
     vertices = (points[:, None] + corners).reshape(-1, 3).astype(np.float32)
-    return Part(name, vertices, np.repeat(colors, 6, axis=0), faces.reshape(-1, 3).astype(np.int32))
+    return SceneObject(name, vertices, np.repeat(colors, 6, axis=0), faces.reshape(-1, 3).astype(np.int32))
 
 
-def merged(parts: list[Part]) -> Part:
+def merged(parts: list[SceneObject]) -> SceneObject:
     """All in one, with the scalar `part`: each vertex's place in the list."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    return Part(
+    return SceneObject(
         "all",
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.colors for part in parts]),
@@ -62,7 +64,7 @@ def merged(parts: list[Part]) -> Part:
     )
 
 
-def write_ply(part: Part, path: Path, comments: list[str]) -> None:
+def write_ply(part: SceneObject, path: Path, comments: list[str]) -> None:
     """Binary PLY. The first scalar is written as `quality`, too: the name under which MeshLab shows one."""
     scalars = dict(part.scalars)
     if scalars:
@@ -93,7 +95,7 @@ def write_ply(part: Part, path: Path, comments: list[str]) -> None:
     )
 
 
-def write_glb(parts: list[Part], path: Path) -> None:
+def write_glb(parts: list[SceneObject], path: Path) -> None:
     """One named node a part; surfaces as meshes, the rest as points."""
     import trimesh
 
@@ -103,7 +105,7 @@ def write_glb(parts: list[Part], path: Path) -> None:
     path.write_bytes(scene.export(file_type="glb"))
 
 
-def _geometry(part: Part) -> Any:
+def _geometry(part: SceneObject) -> Any:
     import trimesh
 
     rgba = np.concatenate([part.colors, np.full((len(part.colors), 1), 255, np.uint8)], axis=1)

@@ -18,7 +18,7 @@ NEIGHBORS = 12
 
 
 @dataclass(frozen=True)
-class Surface:
+class PageSurface:
     vertices: np.ndarray
     """(v, 3) float32, unit frame."""
     faces: np.ndarray
@@ -27,7 +27,7 @@ class Surface:
     """Vertices of one grid cell were merged: the mesh has more faces than this."""
 
 
-def surface_of(shape: NormalizedShape, limit: int = FACES) -> Surface | None:
+def surface_of(shape: NormalizedShape, limit: int = FACES) -> PageSurface | None:
     """The shape's mesh with about `limit` faces at most and no unused vertex; None for a cloud.
 
     Too many faces: vertices are merged cell by cell of a grid (Rossignac and Borrel 1993), coarser until they are few
@@ -44,10 +44,10 @@ def surface_of(shape: NormalizedShape, limit: int = FACES) -> Surface | None:
         cells = int(cells / 1.3)
     if not coarse:
         found = _divided(*found, limit)
-    return Surface(found[0].astype(np.float32), found[1].astype(np.int32), coarse)
+    return PageSurface(found[0].astype(np.float32), found[1].astype(np.int32), coarse)
 
 
-def pack_surface(surface: Surface, points: np.ndarray) -> dict[str, Any]:
+def pack_surface(surface: PageSurface, points: np.ndarray) -> dict[str, Any]:
     """The surface as packed arrays: vertices as 16-bit steps from `low`, `nearest`: each vertex's nearest point of (n,
     3)."""
     from scipy.spatial import cKDTree

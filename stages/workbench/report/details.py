@@ -14,13 +14,13 @@ from b23d.stages.workbench.pictures.painting import LIGHT
 from b23d.stages.workbench.pictures.principal import Basis
 from b23d.stages.workbench.pictures.surface import pack_surface, point_normals, surface_of
 from b23d.stages.workbench.report.distances import pack_distances
-from b23d.stages.workbench.results.gathering import Attempt, Entry
+from b23d.stages.workbench.results.gathering import Attempt, ShapeResults
 from b23d.stages.workbench.results.rows import iou, keypoint_errors
 
 SHOWN = 2048  # candidates a view shows; distances grow with the square
 
 
-def details(entry: Entry, basis: Basis | None) -> dict[str, Any]:
+def details(entry: ShapeResults, basis: Basis | None) -> dict[str, Any]:
     """The JSON value that `static/viewer.js` shows. Positions are of the unit frame.
 
     Of more than 2,048 candidates, farthest-point samples are shown. Raises ValueError where the shape has not been
@@ -68,14 +68,14 @@ def _features(features: PointFeatures | None, basis: Basis | None, n: int, chose
     return {"features": pack((projected / largest).astype(np.float16)), "colors": pack(basis.colors(projected)), **seen}
 
 
-def _distances(entry: Entry, chosen: np.ndarray, points: np.ndarray) -> dict[str, Any] | None:
+def _distances(entry: ShapeResults, chosen: np.ndarray, points: np.ndarray) -> dict[str, Any] | None:
     shape, geodesic = entry.normalized, entry.distances
     if shape is None or geodesic is None or len(geodesic.distances) != len(shape.points):
         return None
     return {**pack_distances(geodesic.distances[np.ix_(chosen, chosen)], points), "method": geodesic.method}
 
 
-def _truth(entry: Entry) -> list[dict[str, Any]]:
+def _truth(entry: ShapeResults) -> list[dict[str, Any]]:
     if entry.keypoints is None:
         return []
     return [
@@ -83,7 +83,7 @@ def _truth(entry: Entry) -> list[dict[str, Any]]:
     ]
 
 
-def _attempt(entry: Entry, attempt: Attempt) -> dict[str, Any]:
+def _attempt(entry: ShapeResults, attempt: Attempt) -> dict[str, Any]:
     prediction, score = attempt.prediction, attempt.score
     errors = keypoint_errors(entry, attempt)
     found = zip(

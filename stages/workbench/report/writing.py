@@ -21,7 +21,7 @@ from b23d.stages.workbench.pictures.principal import Basis
 from b23d.stages.workbench.report.choosing import best_and_worst, detailed, file_keys
 from b23d.stages.workbench.report.details import details
 from b23d.stages.workbench.report.page import as_json, render_page
-from b23d.stages.workbench.results.gathering import Entry, Gathering, failures
+from b23d.stages.workbench.results.gathering import Gathering, ShapeResults, failures
 from b23d.stages.workbench.results.rows import iou, row
 
 THUMB, EXAMPLE = 112, 520  # pixels; both are shown at half that
@@ -136,10 +136,10 @@ def _row(gathered: Gathering, shape: Shape) -> dict[str, Any]:
     try:
         return row(gathered.entry(shape))
     except B23dError as error:
-        return row(Entry(shape, [], errors=[f"report: {error}; {MEND}"]))
+        return row(ShapeResults(shape, [], errors=[f"report: {error}; {MEND}"]))
 
 
-def _thumbnail(entry: Entry, basis: Basis | None) -> str | None:
+def _thumbnail(entry: ShapeResults, basis: Basis | None) -> str | None:
     if entry.normalized is None:
         return None
     if entry.views is not None:

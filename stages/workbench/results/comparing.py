@@ -20,9 +20,9 @@ from b23d.stages.workbench.results.gathering import failures
 from b23d.stages.workbench.results.summary import costs
 
 if TYPE_CHECKING:
-    from b23d.stages.scoring.summary import Row
+    from b23d.stages.scoring.summary import ScoreRow
 
-Key = tuple[str, Hashable, str]
+ScoreKey = tuple[str, Hashable, str]
 """Class, draw, shape."""
 UNUSABLE = (B23dError, OSError, ValueError, ImportError)
 """What keeps a system from running: weights or files that are not there, a package that is missing, settings that do
@@ -94,7 +94,7 @@ def compare(path: Path, members: Iterable[Member], store: str | None = None, lim
             rows[system.label] = {row[:3]: row for row in found}
     every = set().union(*rows.values()) if rows else set()
     full = [label for label, scored in rows.items() if len(scored) >= MOST * len(every)]
-    shared: set[Key] = set.intersection(*(set(rows[label]) for label in full)) if full else set()
+    shared: set[ScoreKey] = set.intersection(*(set(rows[label]) for label in full)) if full else set()
     systems = [_scored(system, rows[system.label], shared) if system.label in rows else system for system in systems]
     return Comparison(systems, len(every) - len(shared), len(shared))
 
@@ -117,7 +117,7 @@ def unmade(run: Run, plan: Plan) -> str:
     return "" if not known else f"{known[0].shape}, {known[0].stage}: {known[0].error}"
 
 
-def _system(path: Path, member: Member, store: str | None, limit: int | None) -> tuple[System, list[Row]]:
+def _system(path: Path, member: Member, store: str | None, limit: int | None) -> tuple[System, list[ScoreRow]]:
     from b23d.stages.workbench.results.scores import run_parts, score_rows
 
     system = System(member.label, group_of(member), changes=_changes(member))
@@ -146,7 +146,7 @@ def _why_empty(run: Run, error: ValueError) -> str:
     return "not run" if wanted else f"the data set has no annotation that {stage} could compare with"
 
 
-def _scored(system: System, rows: dict[Key, Row], shared: set[Key]) -> System:
+def _scored(system: System, rows: dict[ScoreKey, ScoreRow], shared: set[ScoreKey]) -> System:
     from b23d.stages.scoring.summary import score_table
 
     common = sorted((key for key in rows if key in shared), key=str)

@@ -35,7 +35,7 @@ class Attempt:
 
 
 @dataclass
-class Entry:
+class ShapeResults:
     """A shape and what the run has of it; arrays are read when touched."""
 
     shape: Shape
@@ -83,9 +83,9 @@ class Gathering:
     def names(self) -> list[str]:
         return [shape.name for shape in self.run.shapes]
 
-    def entry(self, shape: Shape) -> Entry:
+    def entry(self, shape: Shape) -> ShapeResults:
         """Raises KeyError where the data set cannot give the shape's annotation."""
-        found = Entry(shape, self._shots.get(shape.name, []), waiting=shape.name in self._waiting)
+        found = ShapeResults(shape, self._shots.get(shape.name, []), waiting=shape.name in self._waiting)
         found.errors = list(self._errors.get(shape.name, []))
         found.normalized = self._read("normalize", shape, None, NormalizedShape)
         found.features = self._read("reweight", shape, None, PointFeatures) or self._read(

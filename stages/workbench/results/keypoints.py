@@ -39,7 +39,7 @@ COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundKeypoints:
     """The rows, and what became of the draws."""
 
     table: pd.DataFrame
@@ -59,7 +59,7 @@ def keypoint_table(
     classes: Iterable[str] = (),
     draws: Iterable[int] | None = None,
     watch: Callable[[int, int], None] = lambda done, total: None,
-) -> Found:
+) -> FoundKeypoints:
     """Every predicted keypoint of the chosen shapes, by default with each class's first draw of shots alone.
 
     shapes, classes: names or globs (`chair/*`, `m1?`); none: all. draws: which; every draw with its shots differing
@@ -96,7 +96,7 @@ def keypoint_table(
         watch(done, len(chosen))
     shown = {name: sorted(seeds) for name, seeds in used.items()}
     others = {name: [seed for seed in kept[name] if seed not in seeds] for name, seeds in shown.items()}
-    return Found(_frame(rows), shown, alike, others, waiting)
+    return FoundKeypoints(_frame(rows), shown, alike, others, waiting)
 
 
 def choose(every: list[Shape], shapes: Iterable[str], classes: Iterable[str]) -> list[Shape]:

@@ -8,12 +8,12 @@ import numpy as np
 
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
-from b23d.stages.workbench.results.gathering import Attempt, Entry
+from b23d.stages.workbench.results.gathering import Attempt, ShapeResults
 
 AT = (0.02, 0.05, 0.10)  # thresholds shown in the table
 
 
-def row(entry: Entry) -> dict[str, Any]:
+def row(entry: ShapeResults) -> dict[str, Any]:
     """The table's line of a shape: means over its draws; None where a figure does not exist."""
     scores = [attempt.score for attempt in entry.attempts if attempt.score is not None]
     features = entry.features
@@ -43,7 +43,7 @@ def iou(score: ShapeScore) -> np.ndarray:
     return np.asarray(score.true_positives / np.maximum(union, 1))
 
 
-def keypoint_errors(entry: Entry, attempt: Attempt) -> dict[int, float]:
+def keypoint_errors(entry: ShapeResults, attempt: Attempt) -> dict[int, float]:
     """Id → geodesic distance of the prediction from the annotated keypoint of the same id, in the score's units."""
     if attempt.score is None or entry.keypoints is None:
         return {}

@@ -9,7 +9,7 @@ from b23d.pipeline.selection import Selection
 from b23d.schemas.scores import PartScore, PartTable, ScoreTable, ShapeScore
 
 if TYPE_CHECKING:
-    from b23d.stages.scoring.summary import Row
+    from b23d.stages.scoring.summary import ScoreRow
 
 
 def run_scores(run: Run) -> ScoreTable:
@@ -20,14 +20,14 @@ def run_scores(run: Run) -> ScoreTable:
     return score_table(run.name, rows[0][3].protocol, rows)
 
 
-def score_rows(run: Run, limit: int | None = None) -> list[Row]:
+def score_rows(run: Run, limit: int | None = None) -> list[ScoreRow]:
     """Class, draw, shape and score of what a run has scored so far; `limit`: as `Run.plan`'s. Raises ValueError where
     that is nothing."""
     wanted = None
     if limit is not None:
         planned = run.plan(Selection(limit=limit)).by_shape
         wanted = {(node, draw) for stage, node, draw in planned if stage == "score"}
-    rows: list[Row] = [
+    rows: list[ScoreRow] = [
         (shape.category, draw, shape.id, found)
         for shape, draw, found in run.collect("score")
         if isinstance(found, ShapeScore) and draw is not None and (wanted is None or (shape.name, draw) in wanted)

@@ -18,7 +18,7 @@ from b23d.pipeline.selection import Selection
 
 if TYPE_CHECKING:
     from b23d.schemas.scores import ClassScores, ScoreTable
-    from b23d.stages.scoring.summary import Row
+    from b23d.stages.scoring.summary import ScoreRow
 
 
 def run_series(
@@ -32,7 +32,7 @@ def run_series(
     from b23d.stages.scoring.summary import score_table
     from b23d.stages.workbench.results.scores import score_rows
 
-    found: list[tuple[str, str, dict[tuple[str, Hashable, str], Row]]] = []
+    found: list[tuple[str, str, dict[tuple[str, Hashable, str], ScoreRow]]] = []
     for member in members:
         loaded = Run.load(run, member.overrides, store)
         with console.status(f"{escape(member.label)}: running"):

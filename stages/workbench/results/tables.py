@@ -9,7 +9,7 @@ import numpy as np
 
 from b23d.pipeline.run import Run
 from b23d.schemas.scores import ShapeScore
-from b23d.stages.workbench.results.gathering import Attempt, Entry, Gathering
+from b23d.stages.workbench.results.gathering import Attempt, Gathering, ShapeResults
 from b23d.stages.workbench.results.rows import iou, keypoint_errors
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def _frame(run: Run, rows: Any) -> pd.DataFrame:
     )
 
 
-def _keypoints(entry: Entry, attempt: Attempt) -> Iterator[dict[str, Any]]:
+def _keypoints(entry: ShapeResults, attempt: Attempt) -> Iterator[dict[str, Any]]:
     found, errors = attempt.prediction, keypoint_errors(entry, attempt)
     truth = (
         {} if entry.keypoints is None else dict(zip(entry.keypoints.ids.tolist(), entry.true_positions(), strict=True))
@@ -92,7 +92,7 @@ def _keypoints(entry: Entry, attempt: Attempt) -> Iterator[dict[str, Any]]:
         }
 
 
-def _thresholds(entry: Entry, attempt: Attempt) -> Iterator[dict[str, Any]]:
+def _thresholds(entry: ShapeResults, attempt: Attempt) -> Iterator[dict[str, Any]]:
     score = attempt.score
     if not isinstance(score, ShapeScore):
         return
