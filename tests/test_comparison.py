@@ -16,7 +16,7 @@ from b23d.pipeline.cli import app, plug_in
 from b23d.pipeline.config import load_config
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
-from b23d.schemas.scores import ClassScores, Curve, Presence, ScoreTable, Spread
+from b23d.schemas.scores import ClassScores, Curve, PresenceScores, ScoreTable, Spread
 from b23d.stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
 from b23d.stages.workbench.commands.sweep import choose
 from b23d.stages.workbench.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison
@@ -182,7 +182,7 @@ def scores(level: float) -> ScoreTable:
     row = ClassScores(
         targets=4, draws=2, thresholds=thresholds, iou=curve, auc=spread, pck=curve, symmetric_pck=curve,
         one_to_one=curve,
-        presence=Presence(precision=spread, recall=spread), ceiling=1.0, annotation_files=[],
+        presence=PresenceScores(precision=spread, recall=spread), ceiling=1.0, annotation_files=[],
     )  # fmt: skip
     return ScoreTable(run="x", protocol="made up", classes={"chair": row}, mean=row)
 
