@@ -19,7 +19,7 @@ DROPPING = ("degenerate_faces", "duplicate_faces", "non_finite_faces")
 
 
 @dataclass(frozen=True)
-class Place:
+class SurfacePlace:
     """A place on a shape, as its file counts."""
 
     position: tuple[float, float, float]
@@ -44,17 +44,17 @@ class Placer:
         self.own = "watertight_faces" not in normalized.repairs
         """Whether vertices and faces are the file's."""
 
-    def place(self, candidates: np.ndarray, positions: np.ndarray) -> Iterator[Place]:
+    def place(self, candidates: np.ndarray, positions: np.ndarray) -> Iterator[SurfacePlace]:
         """The places of `candidates` (k,), which lie at `positions` (k, 3) in the unit frame."""
         shape = self.normalized
         file = shape.to_source(positions.astype(np.float64))
         if not self.own or not len(candidates):
-            yield from (Place(_three(at)) for at in file)
+            yield from (SurfacePlace(_three(at)) for at in file)
             return
         vertices = self._vertices[self._tree.query(positions.astype(np.float64))[1]]
         faces, barycentrics = shape.point_faces[candidates], shape.point_barycentrics[candidates]
         for at, vertex, face, b in zip(file, vertices.tolist(), faces.tolist(), barycentrics, strict=True):
-            yield Place(_three(at), vertex, *((None, None) if face < 0 else (self._file_face(face), _three(b))))
+            yield SurfacePlace(_three(at), vertex, *((None, None) if face < 0 else (self._file_face(face), _three(b))))
 
     @cached_property
     def _vertices(self) -> np.ndarray:
