@@ -19,6 +19,7 @@ from b23d.pipeline.verbs.run import run
 from b23d.pipeline.verbs.show import show
 from b23d.pipeline.verbs.terminal import debug as debugging
 from b23d.pipeline.verbs.trying import try_
+from b23d.pipeline.verbs.verb import Verb
 from b23d.pipeline.verbs.verify import verify
 
 app = typer.Typer(
@@ -30,7 +31,7 @@ app = typer.Typer(
     help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.",
 )
 for verb in (run, plan, show, explain, try_, verify, gc):
-    app.command(verb.__name__.rstrip("_"))(verb)
+    app.command(verb.__name__.rstrip("_"), cls=Verb)(verb)
 
 
 @app.callback()
@@ -43,7 +44,7 @@ def plug_in() -> None:
     known = {command.name for command in app.registered_commands}
     for plugin in sorted(entry_points(group="b23d.commands"), key=lambda plugin: plugin.name):
         if plugin.name not in known:
-            app.command(plugin.name)(plugin.load())
+            app.command(plugin.name, cls=Verb)(plugin.load())
 
 
 def main(arguments: list[str] | None = None) -> None:

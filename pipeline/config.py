@@ -83,11 +83,17 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     if path.resolve() in seen:
         raise RunFileError(f"run file {path}: expected `base` to end somewhere, got a circle; remove one `base`")
     try:
-        tables = tomllib.loads(path.read_text())
+        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError as error:
         reason = f"run file: expected a TOML file, got nothing at {path}; give the path of one, e.g. runs/demo.toml"
         raise FileNotFoundError(reason) from error
-    except tomllib.TOMLDecodeError as error:
+    except OSError as error:
+        raise RunFileError(f"run file {path}: expected a file to read, got {error.strerror}; check it") from error
+    except UnicodeDecodeError as error:
+        raise RunFileError(f"run file {path}: expected text in UTF-8, got {error}; save it so") from error
+    except RecursionError as error:
+        raise RunFileError(f"run file {path}: expected TOML, got lists or tables nested too deep; mend it") from error
+    except ValueError as error:  # tomllib's own, and Python's for numbers of thousands of digits
         raise RunFileError(
             f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names"
         ) from error
@@ -97,9 +103,12 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     base = tables.pop("base", None)
     if base is None:
         return tables
+    if not isinstance(base, str) or "\0" in base:
+        raise RunFileError(f"run file {path}: expected base to be another run file, got {_short(base)}; mend the value")
     merged = _read(path.parent / base, (*seen, path.resolve()))
-    dataset = tables.get("dataset")
-    if isinstance(dataset, dict) and dataset.get("kind") not in (None, merged.get("dataset", {}).get("kind")):
+    dataset, inherited = tables.get("dataset", {}), merged.get("dataset", {})
+    both = isinstance(dataset, dict) and isinstance(inherited, dict)
+    if both and inherited and dataset.get("kind") not in (None, inherited.get("kind")):
         merged.pop("dataset")  # another kind of data set shares no fields with the base's
     _merge(merged, tables)
     return merged
@@ -139,11 +148,11 @@ def _value(text: str) -> Any:
     """TOML's value if it is one (2, 0.5, true, "x", ["a", "b"]), JSON's if it is one, else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         pass
     try:
         return json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
 
 
@@ -158,21 +167,22 @@ def _put(tables: dict[str, Any], keys: list[str], value: Any) -> None:
 
 def _dataset(file: RunFile, path: Path) -> Dataset:
     kind = file.dataset.get("kind")
-    if kind not in DATASETS:
+    if not isinstance(kind, str) or kind not in DATASETS:
         known = ", ".join(sorted(DATASETS))
         raise RunFileError(
-            f"run file {path}: expected dataset.kind to be one of {known}, got {kind!r}; "
+            f"run file {path}: expected dataset.kind to be one of {known}, got {_short(kind)}; "
             f"{_suggest(str(kind), DATASETS)}"
         )
-    return _validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset), f"run file {path}: [dataset]")
+    where = f"run file {path}: [dataset]"
+    return _validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset, where), where)
 
 
 def _params(stage: Stage, file: RunFile, path: Path) -> Params:
-    table = _absolute(stage.params, file.stages.get(stage.name, {}))
-    return _validate(stage.params, table, f"run file {path}: [stages.{stage.name}]")
+    where = f"run file {path}: [stages.{stage.name}]"
+    return _validate(stage.params, _absolute(stage.params, file.stages.get(stage.name, {}), where), where)
 
 
-def _absolute(model: type[Params], table: Mapping[str, Any]) -> dict[str, Any]:
+def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict[str, Any]:
     """The table with its Path fields absolute: relative to the file they stand in, or to the current folder if
     overridden."""
 
@@ -181,7 +191,10 @@ def _absolute(model: type[Params], table: Mapping[str, Any]) -> dict[str, Any]:
         if field is None or Path not in (field.annotation, *get_args(field.annotation)) or not isinstance(value, str):
             return str(value) if isinstance(value, _Anchored) else value
         folder = value.folder if isinstance(value, _Anchored) else Path.cwd()
-        return (folder / Path(value).expanduser()).resolve()
+        try:
+            return (folder / Path(value).expanduser()).resolve()
+        except (OSError, ValueError, RuntimeError) as error:  # a null byte, the home of nobody, links in a circle
+            raise RunFileError(f"{where}: expected {key} to be a path, got {_short(value)}; {error}") from error
 
     return {key: resolve(key, value) for key, value in table.items()}
 
@@ -200,7 +213,17 @@ def _line(model: type[BaseModel], problem: Any, where: str) -> str:
         return f"{where}: expected a known key, got {key!r}; {suggestion}"
     if problem["type"] == "missing":
         return f"{where}: expected {key!r}, got nothing; add it"
-    return f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}, got {problem['input']!r}; mend the value"
+    told = f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
+    return f"{told}, got {_short(problem['input'])}; mend the value"
+
+
+def _short(value: Any) -> str:
+    """A value as a message shows it."""
+    try:
+        text = repr(str(value) if isinstance(value, str) else value)
+    except (RecursionError, ValueError):  # ValueError: a whole number of more digits than Python prints
+        return f"a {type(value).__name__} too deep or long to print"
+    return text if len(text) <= 120 else f"{text[:120]}…"
 
 
 def _fields_at(model: type[BaseModel], location: tuple[Any, ...]) -> Iterable[str]:

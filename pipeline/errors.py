@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 
 class B23dError(Exception):
     """Base of the engine's own errors."""
@@ -25,3 +27,10 @@ class ResourceError(B23dError, RuntimeError):
 
 class SelectionError(B23dError, ValueError):
     """A shape, class or stage asked for that a run does not have."""
+
+
+def naming(shape: str, message: str) -> str:
+    """The message, with the shape's name before it unless it is in it as a word of its own: shape `1` is not named by
+    "expected 1 mesh", nor `box/b1` by "box/b10" or "/data/box/b1.obj"."""
+    named = re.search(rf"(?<![\w./\\-]){re.escape(shape)}(?![\w./\\-])", message)
+    return message if named else f"{shape}: {message}"

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 from rich.console import RenderableType
+from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.config import feeding
@@ -34,7 +35,7 @@ def artifact_tables(run: Run, shape: str, stage: str, draw: int | None = None) -
     head = run.store.head(node.stage, node.address)
     artifact = run.artifact(shape, stage, draw)
     specs = type(artifact).array_specs()
-    title = f"{node.stage} of {shape} ({head.schema})"
+    title = escape(f"{node.stage} of {shape} ({head.schema})")
     arrays = Table("array", "shape", "dtype", "range", "unit", "stored", title=title, title_justify="left")
     for name, array in artifact.present_arrays().items():
         size = f"{head.arrays[name].stored_bytes / 1e6:.2f} MB"
@@ -43,10 +44,10 @@ def artifact_tables(run: Run, shape: str, stage: str, draw: int | None = None) -
         )
     values = Table("field", "value", show_header=False, title="fields", title_justify="left")
     for name, value in head.values.items():
-        values.add_row(name, _short(value))
+        values.add_row(escape(name), escape(_short(value)))
     provenance = Table("key", "value", show_header=False, title="provenance", title_justify="left")
     for name, value in head.provenance.items():
-        provenance.add_row(name, _short(value, 400))
+        provenance.add_row(escape(name), escape(_short(value, 400)))
     return [arrays, values, provenance]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from typing import Any
 
 from b23d.pipeline.config import Config
 
@@ -30,10 +31,15 @@ def members(config: Config) -> list[Member]:
     name = f"name={config.file.name}{SUFFIX}"
     found = []
     for field, values in config.file.sweep.items():
-        for value in map(json.dumps, values):
+        for value in map(_json, values):
             own = f"{field}={value}"
             found.append(Member(f"{field} = {value}", (*config.overrides, own, name), field, (own,)))
     for variant, fields in config.file.variants.items():
-        sets = tuple(f"{field}={json.dumps(value)}" for field, value in fields.items())
+        sets = tuple(f"{field}={_json(value)}" for field, value in fields.items())
         found.append(Member(variant, (*config.overrides, *sets, name), VARIANTS, sets))
     return found
+
+
+def _json(value: Any) -> str:
+    """As `--set` takes it; TOML's dates and times as texts."""
+    return json.dumps(value, default=str)

@@ -8,6 +8,7 @@ from b23d.pipeline.address import StageAddress, leaf_address, sha256
 from b23d.pipeline.config import Config, feeding, needed_for
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.draws import Draw, draw_shots
+from b23d.pipeline.errors import naming
 from b23d.pipeline.index import Failure, Index
 from b23d.pipeline.plan import MISSING, ByAddress, ByShape, LeafNode, Node, Plan, State
 from b23d.pipeline.selection import EVERYTHING, Selection
@@ -119,7 +120,9 @@ def _missing_above(node: Node, kept: ByAddress) -> str | None:
 
 def _problems(shapes: list[Shape], draws: list[Draw], planner: _Planner) -> list[Failure]:
     """What is wrong before anything runs: unusable shapes, draws without shots, files that cannot be read."""
-    listed = [Failure("source", shape.name, MISSING, shape.error, True) for shape in shapes if shape.error]
+    listed = [
+        Failure("source", shape.name, MISSING, naming(shape.name, shape.error), True) for shape in shapes if shape.error
+    ]
     undrawn = [
         Failure("draw", f"{draw.category} (draw {draw.seed})", MISSING, f"ValueError: {draw.error}", True)
         for draw in draws

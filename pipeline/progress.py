@@ -32,7 +32,7 @@ class RunProgress:
         self._progress.stop()
 
     def start(self, plan: Plan, address: str) -> None:
-        self.console.print(f"[dim]{len(plan.to_run())} to run; dashboard: {address}[/]", highlight=False)
+        self.console.print(f"[dim]{len(plan.to_run())} to run; dashboard: {escape(address)}[/]", highlight=False)
         counts, inlined = plan.count(), plan.inlined()
         for stage in plan.stages:
             total = counts[stage][State.RUN]

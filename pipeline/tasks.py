@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from b23d.pipeline.dataset import Leaf
+from b23d.pipeline.errors import naming
 from b23d.pipeline.index import Failure
 from b23d.pipeline.plan import LeafNode, Node, State
 from b23d.pipeline.stage import Stage, load_stages
@@ -129,8 +130,7 @@ def run_task(task: Task) -> Outcome:
 
 def failure_of(task: Task, error: BaseException) -> Failure:
     permanent = not isinstance(error, MemoryError | OSError) or isinstance(error, FileNotFoundError)
-    message = str(error) if task.shape.split("/")[-1] in str(error) else f"{task.shape}: {error}"
-    text = f"{type(error).__name__}: {message}"
+    text = f"{type(error).__name__}: {naming(task.shape, str(error))}"
     return Failure(task.stage, task.shape, task.address, text, permanent, "".join(traceback.format_exception(error)))
 
 

@@ -30,17 +30,17 @@ def explain(
 
     loaded = Run.load(run, set, store)
     told = explain_node(loaded, shape, stage, draw, Run.load(against, (), store) if against else None)
-    title = f"{told.stage} of {told.shape}: {told.state.upper()}, address {told.address[:16]}"
+    title = escape(f"{told.stage} of {told.shape}: {told.state.upper()}, address {told.address[:16]}")
     table = Table("part", "value", title=title, title_justify="left")
     for part in told.parts:
-        table.add_row(part.name, escape(part.value))
+        table.add_row(escape(part.name), escape(part.value))
     console.print(table)
     where = f"run {against}" if against else "the nearest stored artifact"
     if told.nearest is None:
-        console.print(f"{told.stage} has made nothing of {told.shape} in this store yet")
+        console.print(f"{told.stage} has made nothing of {told.shape} in this store yet", highlight=False, markup=False)
     elif told.nearest == told.address:
-        console.print(f"the same as in {where}" if against else "stored under this very address")
+        console.print(f"the same as in {where}" if against else "stored under this very address", markup=False)
     else:
-        console.print(f"differs from {where} ({told.nearest[:16]}) first in:", highlight=False)
+        console.print(f"differs from {where} ({told.nearest[:16]}) first in:", highlight=False, markup=False)
         for difference in told.differences:
             console.print(f"  [bold]{escape(str(difference))}[/]", highlight=False)

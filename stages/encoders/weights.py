@@ -63,7 +63,7 @@ def read_json(path: Path) -> dict:
     """A JSON object. Raises ValueError, naming the file, where it is none."""
     try:
         value = json.loads(path.read_bytes())
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: expected JSON, got {error}; fetch the file again") from error
     if not isinstance(value, dict):
         raise ValueError(f"{path}: expected a JSON object, got {type(value).__name__}; fetch the file again")
@@ -106,7 +106,7 @@ def _in_folder(encoder: str, folder: Path) -> Checkpoint:
     if (folder / SAFETENSORS).is_file():
         weights = (folder / SAFETENSORS,)
     elif (folder / INDEX).is_file():
-        weights = tuple(folder / name for name in sorted(set(read_json(folder / INDEX).get("weight_map", {}).values())))
+        weights = tuple(folder / name for name in _shards(folder / INDEX))
     elif (folder / TORCH).is_file():
         weights = (folder / TORCH,)
     else:
@@ -115,6 +115,18 @@ def _in_folder(encoder: str, folder: Path) -> Checkpoint:
         if not shard.is_file():
             raise missing(shard.name)
     return Checkpoint(encoder, folder, weights, configs)
+
+
+def _shards(index: Path) -> list[str]:
+    """The files that an index spreads the weights over, sorted."""
+    weight_map = read_json(index).get("weight_map")
+    names = weight_map.values() if isinstance(weight_map, dict) else [None]
+    if not names or not all(isinstance(name, str) and name and "\0" not in name for name in names):
+        raise ValueError(
+            f"{index}: expected weight_map to give the file of every weight, got {str(weight_map)[:80]}; "
+            "restore the checkpoint"
+        )
+    return sorted(set(names))
 
 
 def _from_hub(encoder: str) -> Checkpoint:

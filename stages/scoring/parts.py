@@ -11,7 +11,8 @@ import numpy as np
 from b23d.schemas.scores import PartClass, PartScore, PartTable, Spread
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.markup import escape
+from rich.table import Table
 
 PartRow = tuple[str, int, str, PartScore]
 """Category, draw, shape, score."""
@@ -62,7 +63,7 @@ def render(table: PartTable) -> Table:
         result.add_column(name, justify="right" if justify == "right" else "left")
     for name, one in table.classes.items():
         parts = ", ".join(f"{part} {'–' if iou is None else f'{100 * iou:.1f}'}" for part, iou in one.parts.items())
-        result.add_row(name, str(one.targets), _percent(one.iou, one.draws), parts)
+        result.add_row(escape(name), str(one.targets), _percent(one.iou, one.draws), escape(parts))
     draws = max(one.draws for one in table.classes.values())
     targets = str(sum(one.targets for one in table.classes.values()))
     result.add_section()

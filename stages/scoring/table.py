@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich.markup import escape
 from rich.table import Table
 
 from b23d.schemas.scores import ClassScores, ScoreTable
@@ -26,7 +27,7 @@ def render(table: ScoreTable) -> Table:
     for name in (*columns, "AUC", f"PCK {largest}", f"sym. PCK {largest}", "ceiling"):
         result.add_column(name, justify="right")
     for name, scores in table.classes.items():
-        result.add_row(name, *_cells(scores, shown))
+        result.add_row(escape(name), *_cells(scores, shown))
     if len(table.classes) > 1:
         result.add_section()
         result.add_row("mean", *_cells(table.mean, shown), style="bold")

@@ -81,7 +81,7 @@ def ablate(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "ablation.html").write_text(series_plot(found))
     (folder / "ablation.json").write_text(series_json(found))
-    console.print(f"plot and figures: {folder / 'ablation.html'}, ablation.json", highlight=False)
+    console.print(f"plot and figures: {folder / 'ablation.html'}, ablation.json", highlight=False, markup=False)
 
 
 def _beside(run: Path, name: str) -> Path:

@@ -45,4 +45,4 @@ def analyse(
     (console if console.is_terminal else Console(width=140)).print(result_table(result))
     if params.paper:
         console.print(f"paper: {escape(params.paper)}", style="dim", highlight=False)
-    console.print(f"figures: {page}; table: {page.with_suffix('.csv')}", highlight=False, soft_wrap=True)
+    console.print(f"figures: {page}; table: {page.with_suffix('.csv')}", highlight=False, markup=False, soft_wrap=True)

@@ -36,15 +36,15 @@ def annotate(
     loaded = Run.load(run, set, store)
     session = Session(loaded.config.dataset, loaded.shapes, shape, keypoints)
     with AnnotationServer(session, port) as server:
-        console.print(f"annotate {session.shape.name} at {server.url}", highlight=False, soft_wrap=True)
-        console.print(f"saves to {session.path}; Ctrl+C here when done", highlight=False, soft_wrap=True)
+        console.print(f"annotate {session.shape.name} at {server.url}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"saves to {session.path}; Ctrl+C here when done", highlight=False, markup=False, soft_wrap=True)
         if not session.own:
             hint = (
                 f"--set 'dataset.keypoints={session.path}'"
                 if not loaded.config.dataset.annotations_kept()
                 else "a data set made of that file"
             )
-            console.print(f"this run does not read that file: use {hint}", highlight=False, soft_wrap=True)
+            console.print(f"this run does not read that file: use {hint}", highlight=False, markup=False, soft_wrap=True)
         if browser:
             webbrowser.open(server.url)
         try:

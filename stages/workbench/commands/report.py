@@ -74,5 +74,5 @@ def _compare(console: Console, loaded: Run, run: Path, store: str | None) -> boo
     if not listed:
         return False
     page = write_comparison(loaded.config, compare(run, listed, store), loaded.folder)
-    console.print(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)", highlight=False, soft_wrap=True)
+    console.print(f"wrote {page} ({page.stat().st_size / 1e6:.1f} MB)", highlight=False, markup=False, soft_wrap=True)
     return True

@@ -122,4 +122,4 @@ def show(
     for table in comparison_tables(found, {member.label for member in chosen}):
         console.print(table)
     page = write_comparison(config, found, run.parent / config.file.name)
-    console.print(f"comparison: {page}, and comparison.json beside it", highlight=False, soft_wrap=True)
+    console.print(f"comparison: {page}, and comparison.json beside it", highlight=False, markup=False, soft_wrap=True)
