@@ -29,7 +29,9 @@ def gc(
     besides = {path.resolve() for path in Path("runs").rglob("*.toml")} - files
     lost = garbage(opened, reached(sorted(files), opened, sorted(besides)))
     for item in lost:
-        console.print(f"{item.stored_bytes / 1e6:10.2f} MB  {item.stage} {item.address[:16]}", highlight=False, markup=False)
+        console.print(
+            f"{item.stored_bytes / 1e6:10.2f} MB  {item.stage} {item.address[:16]}", highlight=False, markup=False
+        )
         if not dry_run:
             opened.delete(item.stage, item.address)
     total = sum(item.stored_bytes for item in lost) / 1e6

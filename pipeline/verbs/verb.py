@@ -16,4 +16,4 @@ class Verb(TyperCommand):
         for told in (self, *self.params):
             text = getattr(told, "help", None)
             if isinstance(text, str):
-                told.help = escape(text)  # type: ignore[union-attr]
+                setattr(told, "help", escape(text))  # noqa: B010  # a bare parameter has none, so mypy knows of none

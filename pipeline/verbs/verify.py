@@ -24,6 +24,8 @@ def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
                 highlight=False,
             )
     if count:
-        console.print(f"{count} damaged artifacts removed; `b23d run {run}` makes them again", highlight=False, markup=False)
+        console.print(
+            f"{count} damaged artifacts removed; `b23d run {run}` makes them again", highlight=False, markup=False
+        )
         raise typer.Exit(1)
     console.print("every artifact is what was written")

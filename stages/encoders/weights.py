@@ -103,6 +103,7 @@ def _in_folder(encoder: str, folder: Path) -> Checkpoint:
     if not (folder / CONFIG).is_file():
         raise missing(CONFIG)
     configs = tuple(path for name in (CONFIG, PREPROCESSOR) if (path := folder / name).is_file())
+    weights: tuple[Path, ...]
     if (folder / SAFETENSORS).is_file():
         weights = (folder / SAFETENSORS,)
     elif (folder / INDEX).is_file():

@@ -43,7 +43,7 @@ def executed(
     parts = []
     for member in members(config) or [Member(config.file.name, config.overrides)]:
         loaded = Run.load(config.path, (*member.overrides, f"outputs={json.dumps(outputs)}"), store)
-        with console.status(f"{member.label}: running"):
+        with console.status(f"{escape(member.label)}: running"):
             report = loaded.execute(workers)
         stages = {outcome.stage for outcome in report.done}
         ran = ", ".join(name for name in loaded.config.stages if name in stages) or "nothing"

@@ -44,7 +44,9 @@ def annotate(
                 if not loaded.config.dataset.annotations_kept()
                 else "a data set made of that file"
             )
-            console.print(f"this run does not read that file: use {hint}", highlight=False, markup=False, soft_wrap=True)
+            console.print(
+                f"this run does not read that file: use {hint}", highlight=False, markup=False, soft_wrap=True
+            )
         if browser:
             webbrowser.open(server.url)
         try:

@@ -7,6 +7,7 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.run import Run
@@ -32,7 +33,7 @@ def parameter_table(one: Run, two: Run) -> Table:
     first, second = parameters(one), parameters(two)
     for name in sorted(first.keys() | second.keys()):
         if first.get(name) != second.get(name):
-            table.add_row(name, str(first.get(name, "–")), str(second.get(name, "–")))
+            table.add_row(*map(escape, (name, str(first.get(name, "–")), str(second.get(name, "–")))))
     return table
 
 
@@ -49,7 +50,7 @@ def score_table(one: Run, two: Run) -> Table:
         figures.append(("AUC", a.auc.mean, a.auc.sd, b.auc.mean, b.auc.sd))
         figures.append(("PCK", a.pck.mean[-1], a.pck.sd[-1], b.pck.mean[-1], b.pck.sd[-1]))
         for figure, mean1, sd1, mean2, sd2 in figures:
-            table.add_row(name, figure, f"{mean1:.3f} ± {sd1:.3f}", f"{mean2:.3f} ± {sd2:.3f}", f"{mean2 - mean1:+.3f}")
+            table.add_row(escape(name), figure, f"{mean1:.3f} ± {sd1:.3f}", f"{mean2:.3f} ± {sd2:.3f}", f"{mean2 - mean1:+.3f}")
     return table
 
 
@@ -75,7 +76,7 @@ def shape_table(one: Run, two: Run, most: int) -> Table:
     better = [row for row in change if row[0] > 0][-most:]
     for delta, name in [*worse, *better]:
         color = "green" if delta > 0 else "red"
-        table.add_row(name, f"{first[name]:.3f}", f"{second[name]:.3f}", f"[{color}]{delta:+.3f}[/]")
+        table.add_row(escape(name), f"{first[name]:.3f}", f"{second[name]:.3f}", f"[{color}]{delta:+.3f}[/]")
     better_count, worse_count = sum(delta > 0 for delta, _ in change), sum(delta < 0 for delta, _ in change)
     table.caption = f"{better_count} better, {worse_count} worse, {len(change) - better_count - worse_count} the same"
     return table
@@ -89,7 +90,7 @@ def moved_table(one: Run, two: Run, most: int) -> Table:
     )
     table = Table("shape", "draw", "id", "moved (unit frame)", title="predictions that moved", title_justify="left")
     for distance, (shape, draw, keypoint) in moved[:most]:
-        table.add_row(shape, str(draw), str(keypoint), f"{distance:.3f}")
+        table.add_row(escape(shape), str(draw), str(keypoint), f"{distance:.3f}")
     still = sum(distance < 1e-6 for distance, _ in moved)
     gone, new = len(first.keys() - second.keys()), len(second.keys() - first.keys())
     table.caption = f"{len(moved) - still} moved, {still} stayed, {gone} only in {one.name}, {new} only in {two.name}"

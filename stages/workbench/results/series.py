@@ -63,7 +63,16 @@ def series_table(title: str, found: list[tuple[str, ScoreTable]]) -> Table:
     then AUC by class."""
     classes = list(found[0][1].classes)
     table = Table(title=f"{escape(title)} (mean over classes)", title_justify="left")
-    for column in ("step", "IoU .02", ".05", ".10", "AUC", "Δ AUC", "PCK .10", *(f"AUC {escape(name)}" for name in classes)):
+    for column in (
+        "step",
+        "IoU .02",
+        ".05",
+        ".10",
+        "AUC",
+        "Δ AUC",
+        "PCK .10",
+        *(f"AUC {escape(name)}" for name in classes),
+    ):
         table.add_column(column, justify="left" if column == "step" else "right", overflow="fold")
     last: float | None = None
     for label, scores in found:
