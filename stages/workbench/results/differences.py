@@ -50,7 +50,9 @@ def score_table(one: Run, two: Run) -> Table:
         figures.append(("AUC", a.auc.mean, a.auc.sd, b.auc.mean, b.auc.sd))
         figures.append(("PCK", a.pck.mean[-1], a.pck.sd[-1], b.pck.mean[-1], b.pck.sd[-1]))
         for figure, mean1, sd1, mean2, sd2 in figures:
-            table.add_row(escape(name), figure, f"{mean1:.3f} ± {sd1:.3f}", f"{mean2:.3f} ± {sd2:.3f}", f"{mean2 - mean1:+.3f}")
+            table.add_row(
+                escape(name), figure, f"{mean1:.3f} ± {sd1:.3f}", f"{mean2:.3f} ± {sd2:.3f}", f"{mean2 - mean1:+.3f}"
+            )
     return table
 
 
