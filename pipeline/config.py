@@ -16,7 +16,7 @@ from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.stage import Stage, load_stages
 from b23d.schemas.params import Params
-from b23d.schemas.runfile import RunFile
+from b23d.schemas.runfile import RunFile, Tls
 
 P = TypeVar("P", bound=Params)
 
@@ -44,6 +44,8 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     for text in overrides:
         _put(tables, *_override(text))
     installed = load_stages()
+    tls = _table(_table(tables, "execution"), "tls")
+    tls.update(_absolute(Tls, tls))
     file = _validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
     stages = _needed(file, installed)
@@ -97,7 +99,11 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise RunFileError(
             f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names"
         ) from error
-    for table in [tables.get("dataset"), *_tables(tables.get("stages"))]:
+    for table in [
+        _table(tables, "dataset"),
+        _table(_table(tables, "execution"), "tls"),
+        *_tables(tables.get("stages")),
+    ]:
         if isinstance(table, dict):
             table.update({key: _Anchored(value, path.parent) for key, value in table.items() if isinstance(value, str)})
     base = tables.pop("base", None)
@@ -123,6 +129,12 @@ class _Anchored(str):
         self = super().__new__(cls, text)
         self.folder = folder
         return self
+
+
+def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of that name, else an empty one: what is no table is refused when all is validated."""
+    table = tables.get(name)
+    return table if isinstance(table, dict) else {}
 
 
 def _tables(table: Any) -> list[Any]:
