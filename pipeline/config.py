@@ -45,7 +45,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
         _put(tables, *_override(text))
     installed = load_stages()
     tls = _table(_table(tables, "execution"), "tls")
-    tls.update(_absolute(Tls, tls))
+    tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
     file = _validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
     stages = _needed(file, installed)
