@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
-from pydantic import BaseModel, ValidationError
-
+from b23d.pipeline.checking import short, suggest, validate
 from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.stage import Stage, load_stages
-from b23d.schemas.params import Params
-from b23d.schemas.runfile import RunFile, Tls
-
-P = TypeVar("P", bound=Params)
+from b23d.schemas.params import Params, flat, missing_choice, tables_of
+from b23d.schemas.runfile import RunFile
 
 
 @dataclass(frozen=True)
@@ -34,9 +30,15 @@ class Config:
     params: dict[str, Params]
 
 
+class Carried(str):
+    """An override that may set options of choices not taken, as a run file may: it goes through a whole series of
+    runs."""
+
+
 def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     """Read `path` (TOML), apply `a.b=value` overrides, check every table.
 
+    A run file may hold options of methods that are not chosen; an override of one is an error, but if `Carried`.
     Raises FileNotFoundError, or RunFileError naming the key, what was expected and what to do.
     """
     path, overrides = Path(path), tuple(overrides)
@@ -44,23 +46,31 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     for text in overrides:
         _put(tables, *_override(text))
     installed = load_stages()
-    tls = _table(_table(tables, "execution"), "tls")
-    tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
-    file = _validate(RunFile, tables, f"run file {path}")
+    file = validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
     stages = _needed(file, installed)
     for name in file.stages:
         if name not in installed:
-            raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {_suggest(name, installed)}")
-    params = {name: _params(installed[name], file, path) for name in stages}
-    for name in file.stages.keys() - stages.keys():  # unused tables are checked as well
-        _params(installed[name], file, path)
+            raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {suggest(name, installed)}")
+    every = {name: _params(installed[name], file, path) for name in {**stages, **file.stages}}
+    params = {name: every[name] for name in stages}  # tables of the others are checked as well
+    for text in overrides:
+        if not isinstance(text, Carried) and (reason := _unused(text, every)):
+            raise RunFileError(reason)
     for name in file.store.transient:
         if name not in installed:
             raise RunFileError(
-                f"run file {path}: expected store.transient to name stages, got {name!r}; {_suggest(name, installed)}"
+                f"run file {path}: expected store.transient to name stages, got {name!r}; {suggest(name, installed)}"
             )
     return Config(path, overrides, file, dataset, stages, params)
+
+
+def refuse_unused(overrides: Iterable[str], configs: Sequence[Config]) -> None:
+    """Raises RunFileError where one of the overrides counts in none of a series of runs."""
+    for text in overrides:
+        reasons = [_unused(text, config.params) for config in configs]
+        if reasons and all(reasons):
+            raise RunFileError(str(reasons[0]))
 
 
 def feeding(file: RunFile, upstream: str) -> str:
@@ -99,18 +109,14 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise RunFileError(
             f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names"
         ) from error
-    for table in [
-        _table(tables, "dataset"),
-        _table(_table(tables, "execution"), "tls"),
-        *_tables(tables.get("stages")),
-    ]:
+    for table in [tables.get("dataset"), *_tables(tables.get("stages"))]:
         if isinstance(table, dict):
-            table.update({key: _Anchored(value, path.parent) for key, value in table.items() if isinstance(value, str)})
+            _anchor(table, path.parent)
     base = tables.pop("base", None)
     if base is None:
         return tables
     if not isinstance(base, str) or "\0" in base:
-        raise RunFileError(f"run file {path}: expected base to be another run file, got {_short(base)}; mend the value")
+        raise RunFileError(f"run file {path}: expected base to be another run file, got {short(base)}; mend the value")
     merged = _read(path.parent / base, (*seen, path.resolve()))
     dataset, inherited = tables.get("dataset", {}), merged.get("dataset", {})
     both = isinstance(dataset, dict) and isinstance(inherited, dict)
@@ -131,10 +137,12 @@ class _Anchored(str):
         return self
 
 
-def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A table of that name, else an empty one: what is no table is refused when all is validated."""
-    table = tables.get(name)
-    return table if isinstance(table, dict) else {}
+def _anchor(table: dict[str, Any], folder: Path) -> None:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            _anchor(value, folder)
+        elif isinstance(value, str):
+            table[key] = _Anchored(value, folder)
 
 
 def _tables(table: Any) -> list[Any]:
@@ -152,7 +160,7 @@ def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
 def _override(text: str) -> tuple[list[str], Any]:
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
-        raise RunFileError(f"--set: expected a.b=value, got {text!r}; for example --set stages.optimize.alpha=2")
+        raise RunFileError(f"--set: expected a.b=value, got {text!r}; for example --set shots.count=5")
     return name.strip().split("."), _value(value.strip())
 
 
@@ -177,21 +185,43 @@ def _put(tables: dict[str, Any], keys: list[str], value: Any) -> None:
     tables[keys[-1]] = value
 
 
+def _unused(text: str, params: Mapping[str, Params]) -> str | None:
+    """Why an override sets an option of a choice not taken; None where what it sets counts."""
+    keys, value = _override(text)
+    if keys[0] != "stages":
+        return None
+    for dotted in flat({".".join(keys): value}):
+        stage, *inner = dotted.split(".")[1:] or [""]
+        if stage not in params or not inner:
+            continue
+        if missing := missing_choice(params[stage], inner):
+            field, got, wanted = missing
+            return (
+                f"--set {text}: expected an option of {field} = {_plain(got)}, got one of {field} = {_plain(wanted)}; "
+                f"choose that with --set stages.{stage}.{field}={_plain(wanted)}"
+            )
+    return None
+
+
+def _plain(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
 def _dataset(file: RunFile, path: Path) -> Dataset:
     kind = file.dataset.get("kind")
     if not isinstance(kind, str) or kind not in DATASETS:
         known = ", ".join(sorted(DATASETS))
         raise RunFileError(
-            f"run file {path}: expected dataset.kind to be one of {known}, got {_short(kind)}; "
-            f"{_suggest(str(kind), DATASETS)}"
+            f"run file {path}: expected dataset.kind to be one of {known}, got {short(kind)}; "
+            f"{suggest(str(kind), DATASETS)}"
         )
     where = f"run file {path}: [dataset]"
-    return _validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset, where), where)
+    return validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset, where), where)
 
 
 def _params(stage: Stage, file: RunFile, path: Path) -> Params:
     where = f"run file {path}: [stages.{stage.name}]"
-    return _validate(stage.params, _absolute(stage.params, file.stages.get(stage.name, {}), where), where)
+    return validate(stage.params, _absolute(stage.params, file.stages.get(stage.name, {}), where), where)
 
 
 def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -199,6 +229,8 @@ def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict
     overridden."""
 
     def resolve(key: str, value: Any) -> Any:
+        if key in (tables := tables_of(model)) and isinstance(value, dict):
+            return _absolute(tables[key], value, where)
         field = model.model_fields.get(key)
         if field is None or Path not in (field.annotation, *get_args(field.annotation)) or not isinstance(value, str):
             return str(value) if isinstance(value, _Anchored) else value
@@ -206,51 +238,9 @@ def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict
         try:
             return (folder / Path(value).expanduser()).resolve()
         except (OSError, ValueError, RuntimeError) as error:  # a null byte, the home of nobody, links in a circle
-            raise RunFileError(f"{where}: expected {key} to be a path, got {_short(value)}; {error}") from error
+            raise RunFileError(f"{where}: expected {key} to be a path, got {short(value)}; {error}") from error
 
     return {key: resolve(key, value) for key, value in table.items()}
-
-
-def _validate(model: type[P], table: Mapping[str, Any], where: str) -> P:
-    try:
-        return model.model_validate(table)
-    except ValidationError as error:
-        raise RunFileError("\n".join(_line(model, problem, where) for problem in error.errors())) from error
-
-
-def _line(model: type[BaseModel], problem: Any, where: str) -> str:
-    key = ".".join(map(str, problem["loc"]))
-    if problem["type"] == "extra_forbidden":
-        suggestion = _suggest(str(problem["loc"][-1]), _fields_at(model, problem["loc"][:-1]))
-        return f"{where}: expected a known key, got {key!r}; {suggestion}"
-    if problem["type"] == "missing":
-        return f"{where}: expected {key!r}, got nothing; add it"
-    told = f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
-    return f"{told}, got {_short(problem['input'])}; mend the value"
-
-
-def _short(value: Any) -> str:
-    """A value as a message shows it."""
-    try:
-        text = repr(str(value) if isinstance(value, str) else value)
-    except (RecursionError, ValueError):  # ValueError: a whole number of more digits than Python prints
-        return f"a {type(value).__name__} too deep or long to print"
-    return text if len(text) <= 120 else f"{text[:120]}…"
-
-
-def _fields_at(model: type[BaseModel], location: tuple[Any, ...]) -> Iterable[str]:
-    for key in location:
-        field = model.model_fields.get(str(key))
-        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
-            return []
-        model = field.annotation
-    return model.model_fields
-
-
-def _suggest(name: str, known: Iterable[str]) -> str:
-    known = sorted(known)
-    close = difflib.get_close_matches(name, known, 1)
-    return f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known) or 'none here'}"
 
 
 def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
@@ -269,7 +259,7 @@ def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
             if source not in installed:
                 if item.upstream in file.feeds:
                     raise RunFileError(
-                        f"feeds.{item.upstream}: expected a stage, got {source!r}; {_suggest(source, installed)}"
+                        f"feeds.{item.upstream}: expected a stage, got {source!r}; {suggest(source, installed)}"
                     )
                 continue
             if not issubclass(installed[source].gives, item.schema):
@@ -283,6 +273,6 @@ def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
     for output in file.outputs:
         source = feeding(file, output)
         if source not in installed:
-            raise RunFileError(f"outputs: expected a stage, got {source!r}; {_suggest(source, installed)}")
+            raise RunFileError(f"outputs: expected a stage, got {source!r}; {suggest(source, installed)}")
         visit(source, ())
     return order

@@ -11,6 +11,7 @@ from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
 from b23d.pipeline.plan import LeafNode, Node
 from b23d.pipeline.run import Run
 from b23d.pipeline.stage import SHOT
+from b23d.schemas.params import flat
 
 BYTES = "(bytes)"
 
@@ -55,9 +56,8 @@ def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: 
     """
     node = run.node(shape, stage, draw)
     parts = [AddressPart("stage", node.stage), AddressPart("version", str(run.config.stages[node.stage].version))]
-    parts += [
-        AddressPart(f"params.{name}", repr(value)) for name, value in run.config.params[node.stage].hashed().items()
-    ]
+    params = flat(run.config.params[node.stage].hashed())
+    parts += [AddressPart(f"params.{name}", repr(value)) for name, value in params.items()]
     for name, above in _inputs(run, node).items():
         addresses = above if isinstance(above, list) else [above]
         parts.append(AddressPart(f"inputs.{name}", ", ".join(_describe(item) for item in addresses)))
@@ -88,7 +88,7 @@ class _Recipe:
 def _of_node(run: Run, node: Node) -> _Recipe:
     above = {item.address: item for item in node.upstream()}
     stage = run.config.stages[node.stage]
-    params = run.config.params[node.stage].hashed()
+    params = flat(run.config.params[node.stage].hashed())
     fingerprint = dict(stage.fingerprint(run.config.params[node.stage])) if stage.fingerprint else {}
     inputs = {
         name: [i.address for i in v] if isinstance(v, list) else [v.address] for name, v in _inputs(run, node).items()
@@ -100,7 +100,7 @@ def _of_node(run: Run, node: Node) -> _Recipe:
 
 def _of_provenance(stage: str, address: str, told: dict[str, Any], inline: dict[str, Any]) -> _Recipe:
     inputs = {name: value if isinstance(value, list) else [value] for name, value in told["inputs"].items()}
-    return _Recipe(stage, address, told["version"], told["params"], inputs, inline)
+    return _Recipe(stage, address, told["version"], flat(told["params"]), inputs, inline)
 
 
 def _stored(run: Run, stage: str, address: str) -> _Recipe | None:

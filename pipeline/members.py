@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from b23d.pipeline.config import Config
+from b23d.pipeline.config import Carried, Config
 
 SUFFIX = ".sweep"
 """Of the name, and so of the folder, of every member; addresses do not know it."""
@@ -29,14 +29,15 @@ class Member:
 def members(config: Config) -> list[Member]:
     """The members of a run file, in its order, over the config's own overrides; none where it has neither table."""
     name = f"name={config.file.name}{SUFFIX}"
+    given = tuple(map(Carried, config.overrides))
     found = []
     for field, values in config.file.sweep.items():
         for value in map(_json, values):
             own = f"{field}={value}"
-            found.append(Member(f"{field} = {value}", (*config.overrides, own, name), field, (own,)))
+            found.append(Member(f"{field} = {value}", (*given, own, name), field, (own,)))
     for variant, fields in config.file.variants.items():
         sets = tuple(f"{field}={_json(value)}" for field, value in fields.items())
-        found.append(Member(variant, (*config.overrides, *sets, name), VARIANTS, sets))
+        found.append(Member(variant, (*given, *sets, name), VARIANTS, sets))
     return found
 
 

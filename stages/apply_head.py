@@ -16,7 +16,7 @@ from b23d.schemas.shape import NormalizedShape
 class ApplyHeadParams(Params):
     """How a head's probabilities become keypoints."""
 
-    apart: float = Field(default=0.05, ge=0)
+    separation: float = Field(default=0.05, ge=0)
     """Surer ids choose first, and no later one within this distance of them (in units of the shape's largest); 0: every
     id its best."""
 
@@ -47,7 +47,7 @@ def apply_head(
             f"on the target ({reweight.descriptor}); use one encoder for all"
         )
     likely = probabilities(train_head, inputs)
-    chosen = choose(likely, lengths, params.apart)
+    chosen = choose(likely, lengths, params.separation)
     peaks = likely[chosen, np.arange(len(chosen))]
     costs = -np.log(np.maximum(peaks, np.finfo(np.float32).tiny))
     return Prediction(

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import NonNegativeFloat
 
 from b23d.pipeline.stage import stage
 from b23d.schemas.features import PointFeatures
-from b23d.schemas.params import Params
+from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.geometry.cameras import project
 from b23d.stages.renderers.visibility import by_depth, by_face, in_frame
 
 
+class PointVisibility(Params):
+    depth_tolerance: NonNegativeFloat = 0.0025
+    """How far behind the surface in its pixel a point still counts as on it; unit frame. Surfaces nearer to each other
+    than this do not hide each other."""
+
+
 class BackprojectParams(Params):
     """Which view sees a point, and what it then gives to it."""
 
     visibility: Literal["point", "face"] = "point"
-    """method.md row 4. "point": nothing in front of the point itself. "face": its face, or one sharing a corner with
-    it, is anywhere in the view, as the released code had it."""
-    depth_tolerance: NonNegativeFloat = 0.0025
-    """"point": how far behind the surface in its pixel a point still counts as on it; unit frame. Surfaces nearer to
-    each other than this do not hide each other."""
+    """DIFFERENCES.md, row 4. "point": nothing in front of the point itself. "face": its face, or one sharing a corner
+    with it, is anywhere in the view, as the released code had it."""
+    point: Annotated[PointVisibility, When(visibility="point")] = PointVisibility()
     sample: Literal["nearest", "bilinear"] = "bilinear"
-    """method.md row 19: the token of the patch a point falls in, or interpolated between the four nearest patches'
-    centres."""
+    """DIFFERENCES.md, row 19: the token of the patch a point falls in, or interpolated between the four nearest
+    patches' centres."""
 
 
 @stage(version=1)
@@ -47,7 +51,7 @@ def backproject(
     pixels, depths = project(points, render.world_to_camera, render.intrinsics)
     rows, columns = render.depth.shape[1:]
     if params.visibility == "point":
-        seen = by_depth(pixels, depths, render.depth, params.depth_tolerance)
+        seen = by_depth(pixels, depths, render.depth, params.point.depth_tolerance)
     else:
         seen = by_face(render.face_ids, *_faces(normalize)) & in_frame(pixels, depths, rows, columns)
     counts = seen.sum(axis=0, dtype=np.int32)

@@ -9,10 +9,20 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from b23d.pipeline.stage import Hints, stage
-from b23d.schemas.params import Params, Unhashed
+from b23d.schemas.params import Params, Unhashed, When
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.encoders.names import known_name
 from b23d.stages.encoders.weights import find_checkpoint
+
+
+class Foreground(Params):
+    """What a transformer sees besides the foreground."""
+
+    background: int = Field(8, ge=0)
+    """How many patches of the background, at random; up to seven more fill a multiple of eight. Their tokens are not
+    kept."""
+    seed: int = Field(0, ge=0)
+    """Of their choice."""
 
 
 class ExtractParams(Params):
@@ -46,13 +56,9 @@ class ExtractParams(Params):
     """Keep the class token (SigLIP's pooled head output), which retrieval uses; SAM and EfficientNet have none."""
     tokens: Literal["foreground", "all"] = "foreground"
     """Which patches count. "foreground": those that show any of the shape, so that a transformer never sees the other
-    two thirds, but for `background` of them. Convolutions and SAM's windows need the whole picture: they keep tokens of
+    two thirds, but for a few of them. Convolutions and SAM's windows need the whole picture: they keep tokens of
     the foreground and of the patches around it, and these are the same as with "all"."""
-    background: int = Field(8, ge=0)
-    """"foreground": how many patches of the background, at random, a transformer sees besides; up to seven more fill a
-    multiple of eight. Their tokens are not kept."""
-    seed: int = Field(0, ge=0)
-    """Of their choice."""
+    foreground: Annotated[Foreground, When(tokens="foreground")] = Foreground()
     precision: Literal["auto", "bf16", "fp32"] = "auto"
     """Of weights and arithmetic. auto: bf16 for transformers on machines that are fast at it (AMX, AVX-512 bf16, CUDA),
     else fp32; convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999), so that
@@ -104,7 +110,8 @@ def extract(render: Views, params: ExtractParams) -> ViewTokens:
     else:
         foreground = foreground_patches(render.face_ids, encoder.grid)
         kept = with_ring(foreground) if encoder.whole else foreground
-        seen = kept if encoder.whole else with_background(foreground, params.background, params.seed)
+        besides = params.foreground
+        seen = kept if encoder.whole else with_background(foreground, besides.background, besides.seed)
     tokens, class_tokens = encoder.encode(render.images, seen)
     return ViewTokens(
         tokens=tokens[kept[seen]],

@@ -2,33 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.features import GeodesicDistances
-from b23d.schemas.params import Params
+from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape
 
 
+class Links(Params):
+    """A graph of the candidates."""
+
+    neighbors: int = Field(default=20, ge=1)
+    """Nearest others each candidate is linked to. With "heat", the links along which its distances are joined and
+    shortened (and, on clouds, its Laplacian's)."""
+    disconnected: Literal["bridge", "max", "infinite"] = "bridge"
+    """Between components: "bridge" joins them where they touch and over their shortest gaps, so that distances stay a
+    metric; "max" takes the largest finite distance (the released code); "infinite" leaves +inf."""
+
+
+class GraphLinks(Links):
+    shortcuts: Literal["keep", "cut"] = "keep"
+    """What to do with links that leave the surface, through a thin sheet or across a gap. "cut" drops those that are
+    steep against the surface at both ends or, on a consistently wound mesh, join opposite sides, wherever another way
+    remains."""
+
+
 class GeodesicParams(Params):
+    """How distances are measured (DIFFERENCES.md, row 8)."""
+
     method: Literal["graph", "heat", "euclidean"] = "graph"
     """"graph": shortest paths in the candidates' nearest-neighbour graph, as KeypointNet scores. "heat": the heat
     method on the mesh (on the candidates themselves where there is no mesh): right on thin parts, too, at some five
     times the cost. "euclidean": straight lines, for comparison."""
-    neighbors: int = Field(default=20, ge=1)
-    """Nearest others each candidate is linked to. With "heat", those along which its distances are joined and
-    shortened."""
-    shortcuts: Literal["keep", "cut"] = "keep"
-    """"graph" only: what to do with links that leave the surface, through a thin sheet or across a gap. "cut" drops
-    those that are steep against the surface at both ends or, on a consistently wound mesh, join opposite sides,
-    wherever another way remains."""
-    disconnected: Literal["bridge", "max", "infinite"] = "bridge"
-    """Between components: "bridge" joins them where they touch and over their shortest gaps, so that distances stay a
-    metric; "max" takes the largest finite distance (the released code); "infinite" leaves +inf. Nothing to
-    "euclidean"."""
+    graph: Annotated[GraphLinks, When(method="graph")] = GraphLinks()
+    heat: Annotated[Links, When(method="heat")] = Links()
 
 
 @stage(version=1, hints=Hints(memory_gb=0.5))
@@ -46,70 +57,74 @@ def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDist
         raise ValueError(
             f"candidates: expected at least one and all finite, got {points.shape}; run normalize on the shape again"
         )
-    solve = {"graph": _along_graph, "heat": _by_heat, "euclidean": _straight_lines}[params.method]
-    distances, components = solve(normalize, points, params)
-    if params.disconnected == "max":
-        apart = np.isinf(distances)
-        distances[apart] = distances[~apart].max()
+    if params.method == "graph":
+        distances, components = _along_graph(normalize, points, params.graph)
+        _fill(distances, params.graph)
+    elif params.method == "heat":
+        distances, components = _by_heat(normalize, points, params.heat)
+        _fill(distances, params.heat)
+    else:
+        distances, components = _straight(points), np.zeros(len(points), np.int32)
     np.fill_diagonal(distances, 0)
     return GeodesicDistances(distances=distances.astype(np.float16), components=components, method=params.method)
 
 
-def _along_graph(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams) -> tuple[np.ndarray, np.ndarray]:
+def _along_graph(shape: NormalizedShape, points: np.ndarray, links: GraphLinks) -> tuple[np.ndarray, np.ndarray]:
     from b23d.stages.geodesics.graph import edge_graph, label_components, neighbour_edges
     from b23d.stages.geodesics.shortcuts import cloud_normals, consistently_wound, cut_shortcuts, face_normals
 
-    edges, lengths = neighbour_edges(points, params.neighbors)
+    edges, lengths = neighbour_edges(points, links.neighbors)
     components = label_components(edge_graph(len(points), edges, lengths))
-    if params.shortcuts == "cut":
+    if links.shortcuts == "cut":
         if _on_mesh(shape):
             normals = face_normals(shape.vertices, shape.faces)[shape.point_faces]
             oriented = consistently_wound(shape.vertices, shape.faces)
         else:
             normals, oriented = cloud_normals(points), False
         edges, lengths = cut_shortcuts(points, normals, oriented, edges, lengths)
-    return _joined_paths(points, edges, lengths, params), components
+    return _joined_paths(points, edges, lengths, links), components
 
 
-def _by_heat(shape: NormalizedShape, points: np.ndarray, params: GeodesicParams) -> tuple[np.ndarray, np.ndarray]:
+def _by_heat(shape: NormalizedShape, points: np.ndarray, links: Links) -> tuple[np.ndarray, np.ndarray]:
     from b23d.stages.geodesics.graph import neighbour_edges
     from b23d.stages.geodesics.heat import cloud_distances, mesh_distances
 
     if _on_mesh(shape):
         distances, components = mesh_distances(shape.vertices, shape.faces, shape.point_faces, shape.point_barycentrics)
     else:
-        distances, components = cloud_distances(points, params.neighbors)
+        distances, components = cloud_distances(points, links.neighbors)
     distances = (distances + distances.T) / 2
     np.maximum(distances, _straight(points), out=distances)  # NaN stays
 
     # Heat's distances are no metric: paths along links of heat's length are shorter where it errs, and join components
     # that touch.
-    edges, lengths = neighbour_edges(points, params.neighbors)
+    edges, lengths = neighbour_edges(points, links.neighbors)
     first, second = edges.T
     inside = components[first] == components[second]
-    if params.disconnected != "bridge":
+    if links.disconnected != "bridge":
         edges, lengths, first, second = edges[inside], lengths[inside], first[inside], second[inside]
     solved = distances[first, second]
     lengths = np.where(np.isfinite(solved), solved, lengths)
-    return np.fmin(distances, _joined_paths(points, edges, lengths, params)), components
+    return np.fmin(distances, _joined_paths(points, edges, lengths, links)), components
 
 
-def _straight_lines(
-    shape: NormalizedShape, points: np.ndarray, params: GeodesicParams
-) -> tuple[np.ndarray, np.ndarray]:
-    return _straight(points), np.zeros(len(points), np.int32)
-
-
-def _joined_paths(points: np.ndarray, edges: np.ndarray, lengths: np.ndarray, params: GeodesicParams) -> np.ndarray:
-    from b23d.stages.geodesics.bridging import links
+def _joined_paths(points: np.ndarray, edges: np.ndarray, lengths: np.ndarray, links: Links) -> np.ndarray:
+    from b23d.stages.geodesics.bridging import links as bridges
     from b23d.stages.geodesics.graph import edge_graph, label_components
     from b23d.stages.geodesics.paths import all_pairs
 
     graph = edge_graph(len(points), edges, lengths)
-    if params.disconnected == "bridge":
-        ends, gaps = links(points, label_components(graph))
+    if links.disconnected == "bridge":
+        ends, gaps = bridges(points, label_components(graph))
         graph = edge_graph(len(points), np.concatenate([edges, ends]), np.concatenate([lengths, gaps]))
     return all_pairs(graph, points)
+
+
+def _fill(distances: np.ndarray, links: Links) -> None:
+    """Where that is asked for, give pairs that no path joins the largest distance of any other."""
+    if links.disconnected == "max":
+        unreachable = np.isinf(distances)
+        distances[unreachable] = distances[~unreachable].max()
 
 
 def _on_mesh(shape: NormalizedShape) -> bool:

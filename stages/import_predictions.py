@@ -23,9 +23,18 @@ from pydantic import Field
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.external import External
 from b23d.schemas.keypoints import Keypoints
-from b23d.schemas.params import Params
+from b23d.schemas.params import Params, When
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
+
+
+class Voxels(Params):
+    """Where the voxels of "sift3d-csv" are."""
+
+    spacing: float = Field(default=1.0, gt=0)
+    """Side of a voxel, in the frame's unit."""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where voxel (0, 0, 0) is, in the frame."""
 
 
 class ImportPredictionsParams(Params):
@@ -42,10 +51,7 @@ class ImportPredictionsParams(Params):
     keep: Literal["all", "average"] | Annotated[int, Field(ge=1)] = "all"
     """How many of the best: all, the shots' average number of keypoints (rounded), or a number. Best by score, then by
     place in it."""
-    spacing: float = Field(default=1.0, gt=0)
-    """"sift3d-csv": side of a voxel, in the frame's unit."""
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """"sift3d-csv": where voxel (0, 0, 0) is, in the frame."""
+    sift3d_csv: Annotated[Voxels, When(format="sift3d-csv")] = Voxels()
 
 
 @stage(version=1, hints=Hints(memory_gb=0.2))

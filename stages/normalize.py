@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from b23d.pipeline.stage import Hints, stage
-from b23d.schemas.params import Params
+from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape, Source, turned
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ class NormalizeParams(Params):
     """Candidate points: `cloud` = the data set's cloud in its own order (KeypointNet's protocol; the cloud contains the
     annotated points); `fps` = farthest-point samples of the surface, or of the cloud where there is no mesh; `auto` =
     the cloud where there is one of at most `cloud_limit` points, else fps."""
-    count: int = Field(2048, ge=1)
+    count: Annotated[int, When(candidates=("auto", "fps"))] = Field(2048, ge=1)
     """How many farthest-point samples (fewer only where a bare cloud has fewer points)."""
-    cloud_limit: int = Field(8192, ge=1)
+    cloud_limit: Annotated[int, When(candidates="auto")] = Field(8192, ge=1)
     """Largest cloud that `auto` takes whole: distances between candidates grow with the square."""
-    seed: int = Field(0, ge=0)
+    seed: Annotated[int, When(candidates=("auto", "fps")), When(turn="random")] = Field(0, ge=0)
     """Of the random surface points that farthest-point sampling chooses from."""
     max_nonfinite: float = Field(0.01, ge=0, le=1)
     """Fraction of vertices or points that may be NaN or infinite and are repaired; above it the shape is an error."""
@@ -45,7 +45,7 @@ class NormalizeParams(Params):
     """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS,
     SHOT). Candidates are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay;
     colours and textures are dropped. Shapes that are clouds stay as they are."""
-    watertight_resolution: int = Field(64, ge=8, le=128)
+    watertight_resolution: Annotated[int, When(watertight=True)] = Field(64, ge=8, le=128)
     """Cells along the shape's longest side: gaps and holes narrower than some 1.7 cells are closed, faces grow with the
     square."""
     colors: bool = True

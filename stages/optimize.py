@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from b23d.stages.solvers.options import OptimizeParams
 
 if TYPE_CHECKING:
     from b23d.stages.solvers.objective import Problem
+    from b23d.stages.solvers.options import Adam, Discrete, Softmax
     from b23d.stages.solvers.posterior.predicting import Found
 
 
@@ -31,8 +32,9 @@ def optimize(
 ) -> Prediction:
     """The shots' keypoints on the target, one for every id that any shot used has.
 
-    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare; `costs` are
-    each keypoint's share of it and sum to it. `shots` are the indices of the shots used. A pair of the target's
+    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare: with the
+    method's own constants, or with the defaults where it has none. `costs` are each keypoint's share of it and sum to
+    it. `shots` are the indices of the shots used. A pair of the target's
     candidates that no path joins counts as the shape's largest distance; such a pair of a shot's keypoints counts as
     not observed.
 
@@ -44,7 +46,15 @@ def optimize(
     from b23d.stages.solvers.presence import presence
 
     template, problem = pose(
-        normalize, reweight, geodesic, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params
+        normalize,
+        reweight,
+        geodesic,
+        shot_normalize,
+        shot_reweight,
+        shot_geodesic,
+        shot_keypoints,
+        params.measure,
+        params.retrieval,
     )
     used = [int(name) for name in template.shots]
     points = normalize.points
@@ -53,8 +63,8 @@ def optimize(
     )
     choice = _solve(problem, params) if found is None else found.points
     costs = shares(problem, choice)
-    by_rule = presence(costs, template, params.presence)
-    present = found.present if found is not None and params.presence == "evidence" else by_rule
+    rule = params.chosen.presence
+    present = found.present if found is not None and rule == "evidence" else presence(costs, template, rule)
     return Prediction(
         ids=template.ids,
         points=choice.astype(np.int32),
@@ -119,26 +129,25 @@ def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
     if params.method == "nearest":
         return nearest(problem)
     if params.method == "hungarian":
-        return hungarian(problem, params.assignment)
-    search: dict[str, Any] = {
-        "starts": params.starts,
-        "sweeps": params.sweeps,
-        "seed": params.seed,
-        "one_to_one": params.one_to_one,
-    }
-    if params.method == "discrete" and not params.softmax_start:
-        return discrete(problem, **search)
+        return hungarian(problem, params.hungarian.assignment)
 
+    if params.method == "softmax":
+        return _relaxed(problem, params.softmax, params.softmax)
+    own = params.discrete
+    extra = [_relaxed(problem, own.softmax, own)] if own.softmax_start else []
+    return discrete(
+        problem, starts=own.starts, passes=own.passes, seed=own.seed, one_to_one=own.one_to_one, extra=extra
+    )
+
+
+def _relaxed(problem: Problem, adam: Adam, search: Softmax | Discrete) -> np.ndarray:
     from b23d.stages.solvers.softmax import softmax
 
-    relaxed = softmax(
+    return softmax(
         problem,
-        beta=params.beta,
-        steps=params.steps,
-        learning_rate=params.learning_rate,
-        seed=params.seed,
-        one_to_one=params.one_to_one,
+        beta=adam.beta,
+        steps=adam.steps,
+        learning_rate=adam.learning_rate,
+        seed=search.seed,
+        one_to_one=search.one_to_one,
     )
-    if params.method == "softmax":
-        return relaxed
-    return discrete(problem, **search, extra=[relaxed])

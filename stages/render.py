@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveFloat, PositiveInt
 
 from b23d.pipeline.stage import stage
-from b23d.schemas.params import Params
+from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views
 from b23d.stages.geometry.cameras import fibonacci_angles, fitting_distance, look_at_origin, pinhole, ring_angles
@@ -16,16 +16,24 @@ from b23d.stages.renderers import RendererName, renderer
 from b23d.stages.renderers.shading import ShadedSurface, shade, smooth_normals
 
 
+class Rings(Params):
+    count: PositiveInt = 5
+    """The paper's n: n rings of 2(n + 1) viewpoints, top and bottom, 2n(n + 1) + 2 views in all; 5 gives 62."""
+
+
+class Fibonacci(Params):
+    views: PositiveInt = 62
+    """How many, top to bottom."""
+
+
 class RenderParams(Params):
     """From where, how large, and in what light. The paper gives 62 views on 5 rings and a light at the camera; the rest
     is ours."""
 
     layout: Literal["rings", "fibonacci"] = "rings"
-    """Viewpoints on equi-angular rings, with top and bottom (method.md row 21); or on a Fibonacci sphere."""
-    rings: PositiveInt = 5
-    """The paper's n: n rings of 2(n + 1) viewpoints, top and bottom, 2n(n + 1) + 2 views in all; 5 gives 62."""
-    count: NonNegativeInt = 0
-    """Views of the Fibonacci sphere; 0: as many as `rings` would give."""
+    """Viewpoints on equi-angular rings, with top and bottom (DIFFERENCES.md, row 21); or on a Fibonacci sphere."""
+    rings: Annotated[Rings, When(layout="rings")] = Rings()
+    fibonacci: Annotated[Fibonacci, When(layout="fibonacci")] = Fibonacci()
     azimuth_offset: float = 0.0
     """Degrees by which all viewpoints are turned about the up axis (towards +x from +z)."""
     resolution: int = Field(default=224, ge=16)
@@ -34,11 +42,10 @@ class RenderParams(Params):
     """Degrees from side to side."""
     distance: PositiveFloat | Literal["fit"] = "fit"
     """Camera's distance from the origin, unit frame. "fit": the least at which the shape is in the frame in every view
-    (method.md row 20). A number that leaves any of it outside is an error."""
-    distance_factor: float = Field(default=1.0, ge=1)
-    """Multiplies the fitted distance (the paper's "relative render distance"); a `distance` in numbers is taken as it
-    is."""
-    margin: float = Field(default=0.05, ge=0, lt=1)
+    (DIFFERENCES.md, row 20). A number that leaves any of it outside is an error."""
+    distance_factor: Annotated[float, When(distance="fit")] = Field(default=1.0, ge=1)
+    """Multiplies the fitted distance (the paper's "relative render distance")."""
+    margin: Annotated[float, When(distance="fit")] = Field(default=0.05, ge=0, lt=1)
     """Share of the half side kept free at every edge by "fit"."""
     renderer: RendererName = "embree"
     """"embree": ray casting on the CPU; "pyrender": OpenGL through EGL. They agree but for roundings at edges."""
@@ -87,9 +94,8 @@ def render(normalize: NormalizedShape, params: RenderParams) -> Views:
 
 
 def _angles(params: RenderParams) -> np.ndarray:
-    angles = ring_angles(params.rings)
-    if params.layout == "fibonacci":
-        angles = fibonacci_angles(params.count or len(angles))
+    rings = params.layout == "rings"
+    angles = ring_angles(params.rings.count) if rings else fibonacci_angles(params.fibonacci.views)
     return angles + np.array([np.deg2rad(params.azimuth_offset), 0.0])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -10,8 +10,15 @@ from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.head import KeypointHead
 from b23d.schemas.keypoints import Keypoints
-from b23d.schemas.params import Params
+from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape
+
+
+class Hidden(Params):
+    width: int = Field(default=32, ge=1)
+    """Rectified units, shared by all ids."""
+    seed: int = Field(default=0, ge=0)
+    """Of the initial weights."""
 
 
 class TrainHeadParams(Params):
@@ -25,21 +32,21 @@ class TrainHeadParams(Params):
     largest distance; 0: none."""
     sigma: float = Field(default=0.02, gt=0)
     """σ of the heat maps exp(−d² / 2σ²) around the shots' keypoints that are to be reproduced, in the same unit."""
-    hidden: int = Field(default=0, ge=0)
-    """Width of a hidden layer of rectified units; 0: none, so that every id has a linear detector of its own."""
+    detector: Literal["linear", "hidden"] = "linear"
+    """"linear": every id has a linear detector of its own. "hidden": with a hidden layer before them."""
+    hidden: Annotated[Hidden, When(detector="hidden")] = Hidden()
     components: int = Field(default=64, ge=1)
     """Leading principal components of the inputs that training is confined to (all there are, if fewer): faster, and
     less to fit."""
     steps: int = Field(default=200, ge=1)
     """Adam steps over all candidates of all shots at once."""
     learning_rate: float = Field(default=0.01, gt=0)
+    """Of Adam."""
     weight_decay: float = Field(default=1.0, ge=0)
     """Decoupled (AdamW): each step shrinks the weights by learning_rate × this."""
     absent: Literal["calibrated", "never"] = "calibrated"
     """"calibrated": an id is judged absent below the probability that best separates ids present and absent on held-out
     shots. "never": every id of the shots is predicted."""
-    seed: int = Field(default=0, ge=0)
-    """Of the initial weights."""
 
 
 @stage(version=1, hints=Hints(memory_gb=1.0))
@@ -70,8 +77,14 @@ def train_head(
         example(f"shot {i}", *shot, params.features, params.context, params.sigma) for i, shot in enumerate(shots)
     ]
     check_examples(examples)
+    hidden = params.hidden if params.detector == "hidden" else None
     options = Options(
-        params.hidden, params.components, params.steps, params.learning_rate, params.weight_decay, params.seed
+        width=hidden.width if hidden else 0,
+        components=params.components,
+        steps=params.steps,
+        learning_rate=params.learning_rate,
+        weight_decay=params.weight_decay,
+        seed=hidden.seed if hidden else 0,
     )
     head = train(examples, options)
     peaks = np.full((len(examples), len(head.ids)), np.nan, np.float32)

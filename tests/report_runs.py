@@ -23,11 +23,11 @@ draws = [0, 1]
 [stages.normalize]
 count = 256
 [stages.render]
-rings = 1
+rings = {count = 1}
 resolution = 64
 [stages.extract]
 encoder = "efficientnet-lite0"
-[stages.optimize]
+[stages.optimize.discrete]
 starts = 8
 [store]
 root = "{store}"
@@ -65,7 +65,7 @@ def make_mixed(folder: Path) -> Run:
     (folder / "shapes" / "keypoints.json").write_text(json.dumps(entries))
     path = folder / "mixed.toml"
     path.write_text(RUN.format(store=folder / "store"))
-    run = Run.load(path, ["stages.optimize.alpha=0.5"])
+    run = Run.load(path, ["stages.optimize.posterior.ridge=0.5"])
     report = run.execute(workers=0)
     assert {failure.shape for failure in report.failures} == {"box/broken", "lonely (draw 0)", "lonely (draw 1)"}, (
         report.failures

@@ -12,11 +12,11 @@ FAST = """
 [stages.normalize]
 count = 256
 [stages.render]
-rings = 1
+rings = {count = 1}
 resolution = 64
 [stages.extract]
 encoder = "efficientnet-lite0"
-[stages.optimize]
+[stages.optimize.discrete]
 starts = 8
 """
 

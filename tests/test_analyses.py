@@ -24,9 +24,9 @@ from tests.shared_data import shared
 
 FILES = sorted((Path(__file__).parents[1] / "runs" / "analyses").glob("*.toml"))
 TINY = {
-    "stages.normalize.count": "96", "dataset.points": "96", "stages.render.rings": "1",
+    "stages.normalize.count": "96", "dataset.points": "96", "stages.render.rings.count": "1",
     "stages.render.resolution": "48",
-    "stages.extract.encoder": '"efficientnet-lite0"', "stages.describe.eigenpairs": "24", "dataset.count": "2",
+    "stages.extract.encoder": '"efficientnet-lite0"', "stages.describe.hks.eigenpairs": "24", "dataset.count": "2",
     "dataset.classes": '["mug"]',
 }  # fmt: skip
 rng = np.random.default_rng(0)
@@ -109,7 +109,9 @@ def test_hks_is_blind_to_the_isometry_and_shot_is_not(tmp_path: Path) -> None:
         leaf = shape.leaves["source"]
         both.append(normalize(leaf.load({}, leaf.values), NormalizeParams()))
     for descriptor, alike in (("hks", True), ("wks", True), ("shot", False)):
-        params = DescribeParams.model_validate({"descriptor": descriptor, "eigenpairs": 32})
+        params = DescribeParams.model_validate(
+            {"descriptor": descriptor, "hks": {"eigenpairs": 32}, "wks": {"eigenpairs": 32}}
+        )
         a, b = (describe(shape, params).features.astype(np.float64) for shape in both)
         difference = np.linalg.norm(a - b, axis=1) / typical_difference(a)
         assert (difference.max() < 0.02) if alike else (difference.mean() > 0.2), descriptor
@@ -157,7 +159,9 @@ def test_a_sweep_is_one_with_itself_and_falls_with_distance(tmp_path: Path) -> N
 
 
 def test_views_are_counted(tmp_path: Path) -> None:
-    table, _ = analysed("views", tmp_path, {"sweep": '{"stages.render.rings" = [1, 2]}', "analysis.reference": "2"})
+    table, _ = analysed(
+        "views", tmp_path, {"sweep": '{"stages.render.rings.count" = [1, 2]}', "analysis.reference": "2"}
+    )
     assert table["views"].tolist() == [6, 14] and table["cosine"][1] == pytest.approx(1) and table["cosine"][0] < 0.999
 
 
@@ -201,9 +205,14 @@ def test_members_are_a_sweep_s_values_and_the_variants(tmp_path: Path) -> None:
     variants = '{"HKS" = {"feeds.backproject" = "describe", "shots.count" = 1}, "plain" = {}}'
     path, _ = tiny("pca", tmp_path)
     listed = members(
-        load_config(path, [f"variants={variants}", 'sweep={"stages.render.rings" = [1, 2]}', "shots.count=2"])
+        load_config(path, [f"variants={variants}", 'sweep={"stages.render.rings.count" = [1, 2]}', "shots.count=2"])
     )
-    assert [member.label for member in listed] == ["stages.render.rings = 1", "stages.render.rings = 2", "HKS", "plain"]
+    assert [member.label for member in listed] == [
+        "stages.render.rings.count = 1",
+        "stages.render.rings.count = 2",
+        "HKS",
+        "plain",
+    ]
     hks = load_config(path, listed[2].overrides)
     assert hks.file.feeds == {"backproject": "describe"} and hks.file.shots.count == 1, (
         "a variant sets over what is set throughout"
@@ -225,7 +234,7 @@ def test_errors_say_what_to_do(tmp_path: Path) -> None:
     ):
         analyse(
             path,
-            [*overrides, "analysis.reference=9", 'sweep={"stages.render.rings" = [1]}'],
+            [*overrides, "analysis.reference=9", 'sweep={"stages.render.rings.count" = [1]}'],
             str(tmp_path / "store"),
             workers=0,
         )

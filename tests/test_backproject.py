@@ -112,7 +112,7 @@ def test_what_is_in_front_hides() -> None:
     random = np.random.default_rng(1).uniform(-0.49, 0.49, (400, 2))
     points = np.c_[random[:, 0], np.zeros(400), random[:, 1]]
     both = shape(np.concatenate([SQUARE, above]), np.concatenate([SQUARE_FACES, SQUARE_FACES + 4]), points)
-    views = render(both, RenderParams(distance=2.0, rings=1))
+    views = render(both, RenderParams(distance=2.0, rings={"count": 1}))
     visible = seen(both, views)
     shadow = 0.25 * 2.0 / 1.7  # half side of the upper square's outline on the lower one
     away = np.abs(points[:, [0, 2]]).max(axis=1)
@@ -124,7 +124,7 @@ def test_what_is_in_front_hides() -> None:
 def test_coincident_double_faces_do_not_hide_each_other() -> None:
     single = sampled(trimesh.Trimesh(SQUARE, SQUARE_FACES, process=False))
     double = shape(np.tile(SQUARE, (2, 1)), np.concatenate([SQUARE_FACES, SQUARE_FACES[:, ::-1] + 4]), single.points)
-    params = RenderParams(rings=3)
+    params = RenderParams(rings={"count": 3})
     np.testing.assert_array_equal(seen(single, render(single, params)), seen(double, render(double, params)))
 
 
@@ -133,14 +133,14 @@ def test_sheets_further_apart_than_the_tolerance_do() -> None:
     points = np.array([[0.1, 0, 0.1], [0.1, gap, 0.1]])
     lifted = SQUARE + np.array([0, gap, 0])
     both = shape(np.concatenate([SQUARE, lifted]), np.concatenate([SQUARE_FACES, SQUARE_FACES + 4]), points)
-    views = render(both, RenderParams(rings=1))
+    views = render(both, RenderParams(rings={"count": 1}))
     assert seen(both, views)[[TOP, BOTTOM]].tolist() == [[False, True], [True, False]]
     assert seen(both, views, tolerance=2 * gap)[[TOP, BOTTOM]].all()
 
 
 def test_nothing_is_seen_outside_of_the_frame_or_behind_the_camera() -> None:
     ball = sampled(trimesh.creation.icosphere(radius=0.5))
-    views = render(ball, RenderParams(rings=1))
+    views = render(ball, RenderParams(rings={"count": 1}))
     far = shape(ball.vertices, ball.faces, np.array([[5.0, 0, 0], [0, 5.0, 0], [0, 0, -5.0]]))
     visible = seen(far, views)
     towards = views.world_to_camera[:, 2, :3] @ far.points.T  # > 0: the camera looks that way, the ball is before it
@@ -152,7 +152,7 @@ def test_nothing_is_seen_outside_of_the_frame_or_behind_the_camera() -> None:
 
 def test_constant_tokens_give_constant_features() -> None:
     mesh = sampled(trimesh.creation.torus(0.35, 0.15))
-    views = render(mesh, RenderParams(rings=2))
+    views = render(mesh, RenderParams(rings={"count": 2}))
     tokens = token_views(np.broadcast_to([1.5, -2, 0.25], (len(views.depth), 16, 16, 3)))
     for sample in ("nearest", "bilinear"):
         result = backproject(mesh, views, tokens, BackprojectParams(sample=sample))
@@ -167,7 +167,7 @@ def test_a_linear_ramp_is_reproduced(grid: tuple[int, int]) -> None:
     """Token values that are the pixel coordinates of their centres: bilinear sampling returns each point's own
     pixel."""
     mesh = sampled(trimesh.creation.box((0.6, 0.5, 0.4)))
-    views = render(mesh, RenderParams(rings=1, distance=2.0))
+    views = render(mesh, RenderParams(rings={"count": 1}, distance=2.0))
     rows, columns = ((np.arange(n) + 0.5) * 224 / n for n in grid)
     ramp = np.stack(np.meshgrid(columns, rows), axis=-1)
     visible = seen(mesh, views)
@@ -184,7 +184,7 @@ def test_a_linear_ramp_is_reproduced(grid: tuple[int, int]) -> None:
 def test_nearest_takes_the_token_of_the_patch() -> None:
     point = np.array([[0.2, 0, 0.1]])
     plane = shape(SQUARE, SQUARE_FACES, point)
-    views = render(plane, RenderParams(rings=1, distance=2.0))
+    views = render(plane, RenderParams(rings={"count": 1}, distance=2.0))
     patch = np.zeros((len(views.depth), 8, 8, 1))
     pixel = project(point, views.world_to_camera, views.intrinsics)[0][TOP, 0]
     patch[TOP, int(pixel[1] // 28), int(pixel[0] // 28)] = 1
@@ -194,7 +194,7 @@ def test_nearest_takes_the_token_of_the_patch() -> None:
 
 def test_a_single_token_per_view() -> None:
     mesh = sampled(trimesh.creation.icosphere(radius=0.5))
-    views = render(mesh, RenderParams(rings=1))
+    views = render(mesh, RenderParams(rings={"count": 1}))
     for sample in ("nearest", "bilinear"):
         result = backproject(
             mesh, views, token_views(np.ones((len(views.depth), 1, 1, 2))), BackprojectParams(sample=sample)
@@ -204,7 +204,7 @@ def test_a_single_token_per_view() -> None:
 
 def test_counts_times_features_is_the_sum() -> None:
     mesh = sampled(trimesh.creation.torus(0.35, 0.15))
-    views = render(mesh, RenderParams(rings=2))
+    views = render(mesh, RenderParams(rings={"count": 2}))
     tokens = noise(views)
     whole = backproject(mesh, views, tokens, BackprojectParams(sample="nearest"))
     pixels, _ = project(mesh.points.astype(float), views.world_to_camera, views.intrinsics)
@@ -221,7 +221,7 @@ def test_counts_times_features_is_the_sum() -> None:
 @cache
 def small_torus() -> tuple[NormalizedShape, Views, ViewTokens]:
     mesh = sampled(trimesh.creation.torus(0.35, 0.15), 200)
-    views = render(mesh, RenderParams(rings=2, resolution=64))
+    views = render(mesh, RenderParams(rings={"count": 2}, resolution=64))
     return mesh, views, noise(views)
 
 
@@ -262,7 +262,7 @@ def test_by_face_sees_whole_faces_their_ring_and_always_the_last() -> None:
 def test_by_face_on_a_cloud_means_its_discs() -> None:
     points = trimesh.creation.icosphere(subdivisions=3, radius=0.5).vertices
     cloud = shape(points, np.zeros((0, 3)), points[::3])
-    views = render(cloud, RenderParams(rings=1))
+    views = render(cloud, RenderParams(rings={"count": 1}))
     counts = backproject(cloud, views, noise(views), BackprojectParams(visibility="face")).counts
     expected = np.array([[np.isin(i, ids) for ids in views.face_ids] for i in range(0, len(points), 3)]).sum(axis=1)
     np.testing.assert_array_equal(counts[:-1], expected[:-1])
@@ -270,7 +270,7 @@ def test_by_face_on_a_cloud_means_its_discs() -> None:
 
 def test_tokens_of_other_views_are_an_error() -> None:
     mesh = sampled(trimesh.creation.icosphere(radius=0.5))
-    views = render(mesh, RenderParams(rings=1))
+    views = render(mesh, RenderParams(rings={"count": 1}))
     with pytest.raises(ValueError, match="tokens: expected those of 6 views, got 5"):
         backproject(mesh, views, token_views(np.ones((5, 2, 2, 1))), BackprojectParams())
 
@@ -289,7 +289,7 @@ def test_features_do_not_depend_on_the_renderer() -> None:
     features = []
     for name in ("embree", "pyrender"):
         try:
-            views = render(mesh, RenderParams(renderer=name, rings=1, azimuth_offset=10))
+            views = render(mesh, RenderParams(renderer=name, rings={"count": 1}, azimuth_offset=10))
             tokens = extract(views, ExtractParams(encoder="efficientnet-lite0"))
         except (RuntimeError, FileNotFoundError) as error:
             pytest.skip(str(error))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
-from b23d.pipeline.config import load_config
+from b23d.pipeline.config import Carried, load_config, refuse_unused
 from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.members import members
 from tests.toy import make_toy
+
+RUNS = Path(__file__).parents[1] / "runs"
 
 
 def test_overrides_and_types(tmp_path: Path) -> None:
@@ -66,3 +70,72 @@ def test_missing_and_broken_files(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("a = ")
     with pytest.raises(RunFileError, match="syntax error"):
         load_config(tmp_path / "bad.toml")
+
+
+# options of methods
+
+
+def test_an_option_of_a_method_that_is_not_chosen_is_an_error_that_says_how_to_choose_it() -> None:
+    run = RUNS / "corrected.toml"
+    for override, wanted in [
+        (
+            "stages.optimize.discrete.alpha=2",
+            "discrete; choose that with --set stages.optimize.method=discrete",
+        ),
+        ("stages.optimize.discrete={alpha = 2}", "--set stages.optimize.method=discrete"),
+        ("stages.render.fibonacci.views=9", "--set stages.render.layout=fibonacci"),
+        ("stages.normalize.watertight_resolution=32", "--set stages.normalize.watertight=true"),
+        ("stages.calibrate.iss.gamma_21=.9", "--set stages.calibrate.method=iss"),
+    ]:
+        with pytest.raises(RunFileError, match=re.escape(wanted)):
+            load_config(run, [override])
+    both = ["stages.optimize.discrete={source_sigma = 0.1}", "stages.optimize.method=discrete"]
+    with pytest.raises(RunFileError, match=r"--set stages\.optimize\.discrete\.source_features=keypoints"):
+        load_config(run, both)
+    load_config(run, [*both, "stages.optimize.discrete.source_features=keypoints"])
+
+
+def test_a_run_file_may_hold_several_methods_and_set_switches() -> None:
+    run, methods = RUNS / "released.toml", ("softmax", "discrete")
+    configs = [load_config(run, [f"stages.optimize.method={method}"]) for method in methods]
+    hashed = [config.params["optimize"].hashed() for config in configs]
+    assert [sorted(table.keys() & set(methods)) for table in hashed] == [["softmax"], ["discrete"]]
+    assert hashed[1]["discrete"]["alpha"] == 4
+    with pytest.raises(RunFileError, match="greater than or equal to 0"):  # tables not chosen are checked
+        load_config(run, [Carried("stages.optimize.discrete.alpha=-1")])
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("stages.optimize.alpha=1", "alpha belongs to method discrete, softmax: set stages.optimize.discrete.alpha"),
+        ("stages.optimize.steps=1", "steps belongs to method softmax, discrete: set stages.optimize.softmax.steps"),
+        ("stages.calibrate.iss_gamma_21=1", "belongs to method iss: set stages.calibrate.iss.gamma_21"),
+        ("stages.geodesic.neighbors=9", "belongs to method graph, heat: set stages.geodesic.graph.neighbors"),
+        ("stages.optimize.discrete.alpa=9", "did you mean 'alpha'"),
+    ],
+)
+def test_a_field_in_the_wrong_place_is_an_error_that_says_where_it_lives(override: str, message: str) -> None:
+    with pytest.raises(RunFileError, match=re.escape(message)):
+        load_config(RUNS / "corrected.toml", [override])
+
+
+def test_a_table_that_was_a_number_says_what_it_takes() -> None:
+    with pytest.raises(RunFileError, match=r"rings: expected a table.*it takes count: set rings\.count"):
+        load_config(RUNS / "demo.toml", [Carried("stages.render.rings=3")])
+
+
+def test_what_goes_through_a_series_may_count_in_one_run_of_it_but_not_in_none() -> None:
+    text = "stages.optimize.discrete.alpha=2"
+    methods = [[Carried(text), f"stages.optimize.method={method}"] for method in ("posterior", "discrete")]
+    posterior, discrete = (load_config(RUNS / "demo.toml", overrides) for overrides in methods)
+    refuse_unused([text], [posterior, discrete])
+    with pytest.raises(RunFileError, match="expected an option of method = posterior"):
+        refuse_unused([text], [posterior])
+
+
+@pytest.mark.parametrize("path", sorted(RUNS.rglob("*.toml")), ids=lambda path: path.stem)
+def test_every_run_file_and_every_run_of_its_series_is_valid(path: Path) -> None:
+    config = load_config(path)
+    for member in members(config):
+        assert load_config(path, member.overrides).overrides

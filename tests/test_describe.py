@@ -14,6 +14,7 @@ from b23d.stages.describe import DescribeParams, describe
 from b23d.stages.descriptors.shot import CHANNELS, local_frames, shot
 from b23d.stages.descriptors.spectral import cloud_spectrum, heat_kernel_signature, mesh_spectrum, wave_kernel_signature
 from b23d.stages.geodesics.shortcuts import face_normals
+from tests.made_params import placed
 
 TURN = Rotation.from_rotvec([0.4, -1.1, 2.0])
 BUMPS = np.array([[0.9, 0.2, 0.1], [-0.5, 0.8, 0.2], [0.1, -0.3, -0.9]])
@@ -56,7 +57,7 @@ def moved(of: NormalizedShape, scale: float = 1.0) -> NormalizedShape:
 
 
 def features(of: NormalizedShape, **params: object) -> np.ndarray:
-    return describe(of, DescribeParams(**params)).features.astype(np.float64)
+    return describe(of, placed(DescribeParams, **params)).features.astype(np.float64)
 
 
 # --- spectra
@@ -210,7 +211,7 @@ def test_points_without_neighbours_are_not_observed() -> None:
     ball = bumpy(100)
     lonely = np.concatenate([ball.points, [[5.0, 5, 5]]])
     cloud = shape(lonely, np.empty((0, 3), int), np.full(101, -1), np.zeros((101, 3)))
-    result = describe(cloud, DescribeParams(descriptor="shot", radius=0.3))
+    result = describe(cloud, placed(DescribeParams, descriptor="shot", radius=0.3))
     assert result.observed[:100].mean() > 0.9
     assert not result.observed[100]
     assert (result.features[100] == 0).all()

@@ -25,6 +25,7 @@ from b23d.stages.detectors.sift3d import extrema, sift3d, surface_variation
 from b23d.stages.geodesic import GeodesicParams, geodesic
 from b23d.stages.score import ScoreParams, score
 from b23d.stages.scoring.summary import score_table
+from tests.made_params import placed
 from tests.made_shapes import BOX, of_cloud, of_mesh
 from tests.shared_data import shared
 from tests.small_runs import make_boxes
@@ -36,8 +37,7 @@ optimize = "detect"
 count = 256
 [stages.calibrate]
 method = "{method}"
-sift_min_scale = 0.08
-sift_min_contrast = 0
+sift = {{min_scale = 0.08, min_contrast = 0}}
 """
 DETECTORS = ("iss", "harris", "sift")
 Shot = tuple[NormalizedShape, GeodesicDistances, Keypoints]
@@ -55,7 +55,7 @@ def annotated(shape: NormalizedShape, places: Any) -> Shot:
 
 def run(shot: Shot, target: Shot | None = None, **params: Any) -> Prediction:
     shape, distances, _ = target or shot
-    detector = calibrate([shot[0]], [shot[1]], [shot[2]], CalibrateParams(**params))
+    detector = calibrate([shot[0]], [shot[1]], [shot[2]], placed(CalibrateParams, **params))
     return detect(shape, distances, detector, DetectParams())
 
 

@@ -17,13 +17,13 @@ from b23d.stages.datasets.procedural import Procedural
 from b23d.stages.describe import DescribeParams, describe
 from b23d.stages.geodesic import GeodesicParams, geodesic
 from b23d.stages.normalize import NormalizeParams, normalize
-from b23d.stages.optimize import OptimizeParams
 from b23d.stages.solvers.discrete import discrete
 from b23d.stages.solvers.objective import Problem, objective
+from b23d.stages.solvers.options import Objective
 from b23d.stages.solvers.posing import pose
 from tests.shared_data import shared
 
-SCALES = [OptimizeParams(), OptimizeParams(features="standardised", alpha=4)]
+SCALES = [Objective(), Objective(features="standardised", alpha=4)]
 
 
 def loaded(leaf: Leaf) -> Any:
@@ -40,8 +40,8 @@ def problems(shapes: list[Shape], shots: int) -> Iterator[tuple[str, Problem]]:
         made.append((clean, described, geodesic(clean, GeodesicParams()), loaded(shape.leaves["keypoints"])))
     columns = [list(column) for column in zip(*made[:shots], strict=True)]
     for shape, target in zip(shapes[shots:], made[shots:], strict=True):
-        for params in SCALES:
-            yield shape.name, pose(*target[:3], *columns, params=params)[1]
+        for scale in SCALES:
+            yield shape.name, pose(*target[:3], *columns, objective=scale)[1]
 
 
 def check(shapes: list[Shape], shots: int = 3, steps: int = 600) -> None:

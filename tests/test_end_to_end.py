@@ -53,15 +53,22 @@ def test_a_second_run_does_nothing_and_says_so(small: Path) -> None:
     assert all(row["run"] == row["blocked"] == 0 and row["cached"] > 0 for row in stages.values())
 
 
-def test_alpha_re_runs_optimize_and_score_only_and_sigma_from_the_smoothing_on(small: Path) -> None:
+def test_an_option_of_optimize_re_runs_optimize_and_score_only_and_sigma_from_the_smoothing_on(small: Path) -> None:
     def to_run(override: str) -> set[str]:
         stages = json.loads(b23d("plan", str(small), "--json", "--set", override))["stages"]
         return {name for name, row in stages.items() if row["run"]}
 
-    assert to_run("stages.optimize.alpha=7") == {"optimize", "score"}
+    assert to_run("stages.optimize.posterior.ridge=7") == {"optimize", "score"}
     assert to_run("stages.reweight.sigma=0.07") == {"reweight", "optimize", "score"}
     assert to_run("shots.draws=[9]") <= {"optimize", "score"}
-    assert to_run("stages.render.rings=2") == {"render", "extract", "backproject", "reweight", "optimize", "score"}
+    assert to_run("stages.render.rings.count=2") == {
+        "render",
+        "extract",
+        "backproject",
+        "reweight",
+        "optimize",
+        "score",
+    }
 
 
 def test_plan_says_why_a_class_has_no_draw(small: Path) -> None:
@@ -128,7 +135,7 @@ def test_transient_stages_give_the_same_predictions(small: Path, tmp_path: Path)
 
 def test_boxes_corners_are_found(tmp_path: Path) -> None:
     path = make_boxes(
-        tmp_path, extra=FAST.replace("rings = 1", "rings = 3").replace("resolution = 64", "resolution = 128")
+        tmp_path, extra=FAST.replace("count = 1}", "count = 3}").replace("resolution = 64", "resolution = 128")
     )
     b23d("run", str(path), "--workers", "0")
     scores = json.loads(b23d("scores", str(path), "--json"))

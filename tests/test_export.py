@@ -203,7 +203,7 @@ def test_a_terminal_shows_thumbnails(run: Run, stage: str) -> None:
 
 
 def test_views_are_shown_with_their_depth(run: Run) -> None:
-    views = render(normalized(run, "box/b0"), RenderParams(rings=1, resolution=32))
+    views = render(normalized(run, "box/b0"), RenderParams(rings={"count": 1}, resolution=32))
     assert_fits(thumbnail(run, "box/b0", views, 90), lines=TILE)
 
 

@@ -20,6 +20,7 @@ from b23d.stages.datasets.keypointnet import KeypointNet
 from b23d.stages.import_features import ImportFeaturesParams, import_features
 from b23d.stages.import_predictions import ImportPredictionsParams, import_predictions
 from b23d.stages.scoring.summary import score_table
+from tests.made_params import placed
 from tests.made_shapes import of_cloud
 from tests.small_runs import FAST, make_boxes
 
@@ -42,7 +43,10 @@ def npy(array: Any) -> bytes:
 
 def predictions(data: bytes, suffix: str = ".npz", shots: list[Keypoints] | None = None, **params: Any) -> Prediction:
     return import_predictions(
-        SHAPE, External(shape="chair/one", suffix=suffix, data=data), shots or [], ImportPredictionsParams(**params)
+        SHAPE,
+        External(shape="chair/one", suffix=suffix, data=data),
+        shots or [],
+        placed(ImportPredictionsParams, **params),
     )
 
 

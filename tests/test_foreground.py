@@ -21,7 +21,7 @@ from b23d.stages.encoders.interface import Backbone, Pixels
 from b23d.stages.encoders.load import load_encoder
 from b23d.stages.encoders.patches import foreground_patches, nearest_kept, with_background, with_ring
 from b23d.stages.encoders.weights import find_checkpoint
-from b23d.stages.extract import ExtractParams, extract
+from b23d.stages.extract import ExtractParams, Foreground, extract
 from b23d.stages.render import RenderParams, render
 from tests.made_shapes import BOX, of_mesh
 from tests.tiny_checkpoints import TINY, save
@@ -204,7 +204,7 @@ def test_a_view_without_patches_is_an_error() -> None:
 @pytest.fixture(scope="module")
 def box() -> tuple[NormalizedShape, Views]:
     shape = of_mesh(BOX.vertices, BOX.faces)
-    return shape, render(shape, RenderParams(rings=1, resolution=112))
+    return shape, render(shape, RenderParams(rings={"count": 1}, resolution=112))
 
 
 def test_convolutions_give_the_same_features_from_fewer_tokens(box: tuple[NormalizedShape, Views]) -> None:
@@ -222,6 +222,6 @@ def test_transformers_keep_tokens_of_the_foreground(
     found = extract(box[1], params)
     np.testing.assert_array_equal(found.kept, foreground_patches(box[1].face_ids, (8, 8)))
     assert len(found.tokens) == found.kept.sum() < found.kept.size
-    for changed in ({"background": 20}, {"seed": 1}, {"tokens": "all"}):
-        other = extract(box[1], params.model_copy(update=changed))
+    for changed in (Foreground(background=20), Foreground(seed=1), "all"):
+        other = extract(box[1], params.model_copy(update={"tokens" if changed == "all" else "foreground": changed}))
         assert (other.grid()[found.kept] != found.tokens).any()

@@ -11,6 +11,7 @@ from b23d.schemas.shape import NormalizedShape
 from b23d.stages.geodesic import GeodesicParams, geodesic
 from b23d.stages.geodesics.graph import neighbour_edges
 from b23d.stages.geodesics.shortcuts import consistently_wound, cut_shortcuts
+from tests.made_params import placed
 
 HALF_PRECISION = 1e-3  # float16's relative step, twice
 
@@ -64,7 +65,7 @@ def as_cloud(mesh: NormalizedShape) -> NormalizedShape:
 
 
 def solve(of: NormalizedShape, **params: object) -> np.ndarray:
-    return geodesic(of, GeodesicParams(**params)).distances.astype(np.float64)
+    return geodesic(of, placed(GeodesicParams, **params)).distances.astype(np.float64)
 
 
 def cloud(count: int = 300, seed: int = 0) -> np.ndarray:
@@ -192,7 +193,7 @@ def test_heat_on_a_mesh_does_not_depend_on_the_frame() -> None:
 def test_two_components(method: str) -> None:
     left = cloud(100)
     both = shape(np.concatenate([left, left * [1, 1, -1] + [5, 0, 0]]))
-    result = geodesic(both, GeodesicParams(method=method, disconnected="infinite"))
+    result = geodesic(both, placed(GeodesicParams, method=method, disconnected="infinite"))
     assert set(result.components[:100]) == {result.components[0]} != set(result.components[100:])
     inside = result.distances[:100, :100]
     assert np.isinf(result.distances[:100, 100:]).all()

@@ -23,10 +23,14 @@ from b23d.stages.heads.inputs import gaussian, shape_inputs
 from b23d.stages.heads.training import principal
 from b23d.stages.train_head import TrainHeadParams, train_head
 from tests.made_features import apart, cloud, described, keypointed
+from tests.made_params import placed
 
 Shot = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
 IDS = [3, 5, 8]
 SHARP = {"sigma": 0.01, "context": 0.0}
+
+
+LINEAR: dict[str, Any] = {"detector": "linear"}
 
 
 def shot(seed: int, ids: list[int] = IDS, n: int = 120, channels: int = 16) -> tuple[Shot, list[int]]:
@@ -42,20 +46,20 @@ def shot(seed: int, ids: list[int] = IDS, n: int = 120, channels: int = 16) -> t
 
 def trained(shots: list[Shot], **params: Any) -> KeypointHead:
     columns = [list(column) for column in zip(*shots, strict=True)]
-    return train_head(*columns, TrainHeadParams(**SHARP | {"features": "raw"} | params))
+    return train_head(*columns, placed(TrainHeadParams, **SHARP | {"features": "raw"} | params))
 
 
 def found(target: Shot, head: KeypointHead, **params: Any) -> Prediction:
     return apply_head(*target[:3], head, ApplyHeadParams(**params))
 
 
-@pytest.mark.parametrize("hidden", [0, 16])
+@pytest.mark.parametrize("layers", [LINEAR, {"detector": "hidden", "width": 16}], ids=["linear", "hidden"])
 @pytest.mark.parametrize("features", ["raw", "centred", "centred-unit", "standardised"])
-def test_keypoints_that_a_plane_separates_are_found_exactly(features: str, hidden: int) -> None:
-    head = trained([shot(seed)[0] for seed in range(3)], features=features, hidden=hidden, absent="never")
+def test_keypoints_that_a_plane_separates_are_found_exactly(features: str, layers: dict[str, Any]) -> None:
+    head = trained([shot(seed)[0] for seed in range(3)], features=features, absent="never", **layers)
     for seed in (0, 10, 11):
         target, at = shot(seed)
-        prediction = found(target, head, apart=0)
+        prediction = found(target, head, separation=0)
         assert prediction.ids.tolist() == IDS
         assert prediction.points.tolist() == at
         assert np.array_equal(prediction.positions, target[0].points[at])
@@ -65,12 +69,13 @@ def test_keypoints_that_a_plane_separates_are_found_exactly(features: str, hidde
 
 def test_training_again_gives_the_same_head() -> None:
     shots = [shot(seed)[0] for seed in range(2)]
-    for hidden in (0, 8):
-        one, other = trained(shots, hidden=hidden), trained(shots, hidden=hidden)
+    hidden = {"detector": "hidden", "width": 8}
+    for layers in (LINEAR, hidden):
+        one, other = trained(shots, **layers), trained(shots, **layers)
         assert all(
             np.array_equal(a, other.present_arrays()[name], equal_nan=True) for name, a in one.present_arrays().items()
         )
-    assert not np.array_equal(trained(shots, hidden=8).weights, trained(shots, hidden=8, seed=1).weights)
+    assert not np.array_equal(trained(shots, **hidden).weights, trained(shots, **hidden, seed=1).weights)
 
 
 def test_order_of_candidates_and_shots_does_not_matter() -> None:

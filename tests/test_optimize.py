@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.keypoints import Keypoints
@@ -17,6 +16,7 @@ from b23d.stages.solvers.presence import presence
 from b23d.stages.solvers.retrieval import retrieve
 from b23d.stages.solvers.scaling import scale_distances, scale_features
 from b23d.stages.solvers.shots import Shot, combine_shots, smooth_among
+from tests.made_params import placed
 
 Labelled = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
 
@@ -81,7 +81,7 @@ def labelled(seed: int, ids: list[int], indices: list[int], token: np.ndarray | 
 def solve(target: Labelled, shots: list[Labelled], **params: Any) -> Prediction:
     """The paper's objective by the discrete solver, unless told otherwise; the posterior method has its own tests."""
     columns = [list(column) for column in zip(*shots, strict=True)]
-    return optimize(*target[:3], *columns, OptimizeParams(**{"method": "discrete", **params}))
+    return optimize(*target[:3], *columns, placed(OptimizeParams, **{"method": "discrete", **params}))
 
 
 IDS, AT = [0, 2, 5, 9], [3, 50, 120, 180]
@@ -107,22 +107,22 @@ def test_costs_sum_to_the_objective() -> None:
 def test_discrete_is_best_by_the_common_objective() -> None:
     target, shots = labelled(1, [], []), [labelled(0, IDS, AT), labelled(2, IDS, AT)]
     reached = {
-        m: solve(target, shots, method=m, alpha=1, steps=200).objective
-        for m in ("discrete", "softmax", "nearest", "hungarian")
+        method: solve(target, shots, method=method, **({"steps": 200} if method == "softmax" else {})).objective
+        for method in ("discrete", "softmax", "nearest", "hungarian")
     }
     assert reached["discrete"] == min(reached.values())
-    with_softmax = solve(target, shots, alpha=1, steps=200, starts=1, softmax_start=True).objective
+    with_softmax = solve(target, shots, starts=2, softmax_start=True, softmax={"steps": 200}).objective
     assert with_softmax <= reached["softmax"]
 
 
 def test_the_discrete_search_is_the_params() -> None:
-    """Restarts, the bound on sweeps and one candidate a keypoint."""
+    """Restarts, the bound on passes and one candidate a keypoint."""
     target, shots = (
         labelled(1, [], []),
         [labelled(0, list(range(8)), [3, 3, 3, 50, 50, 120, 120, 180]), labelled(2, [0, 1], AT[:2])],
     )
-    few, many = (solve(target, shots, alpha=2, starts=starts).objective for starts in (1, 64))
-    cut = solve(target, shots, alpha=2, starts=1, sweeps=1).objective
+    few, many = (solve(target, shots, alpha=2, starts=starts).objective for starts in (2, 64))
+    cut = solve(target, shots, alpha=2, starts=2, passes=1).objective
     assert many <= few <= cut
     free, apart = (solve(target, shots, alpha=2, one_to_one=one).points for one in (False, True))
     assert len(set(free)) < 8 == len(set(apart))
@@ -306,8 +306,3 @@ def test_keypoint_beyond_the_cloud() -> None:
     )
     with pytest.raises(ValueError, match="shot 0: expected a point index below 200, got 4000"):
         solve(labelled(1, [], []), [(*labelled(0, [], [])[:3], wrong)])
-
-
-def test_nearest_cannot_keep_candidates_apart() -> None:
-    with pytest.raises(ValidationError, match='use "hungarian"'):
-        OptimizeParams(method="nearest", one_to_one=True)

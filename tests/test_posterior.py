@@ -17,6 +17,7 @@ from b23d.stages.solvers.posterior.geometry import Prepared, local_geometry, pre
 from b23d.stages.solvers.posterior.learning import deformation_covariance, frame_gate, learn
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.turning import aligned, in_frame, turned
+from tests.made_params import placed
 
 PARAMS = PosteriorParams()
 Parts = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
@@ -62,7 +63,7 @@ def box_cloud(seed: int, turn: float = 0.0, keypoints: int = 8) -> Parts:
 
 def run(target: Parts, shots: list[Parts], **params: object) -> Prediction:
     parts = [list(column) for column in zip(*shots, strict=True)]
-    return optimize(target[0], target[1], target[2], *parts, params=OptimizeParams(**{"method": "posterior", **params}))  # type: ignore[arg-type]
+    return optimize(target[0], target[1], target[2], *parts, params=placed(OptimizeParams, **params))  # type: ignore[arg-type]
 
 
 def test_it_recovers_keypoints_of_a_class() -> None:

@@ -14,7 +14,7 @@ from b23d.stages.geometry.cameras import project, unproject
 from b23d.stages.render import RenderParams, render
 from b23d.stages.renderers import RendererName, renderer
 
-FEW = {"rings": 1}  # six views: top, four sides, bottom
+FEW = {"rings": {"count": 1}}  # six views: top, four sides, bottom
 RENDERERS = [pytest.param("embree"), pytest.param("pyrender")]
 
 
@@ -192,8 +192,8 @@ def test_turning_the_cameras_is_turning_the_shape() -> None:
 
 
 def test_fibonacci_has_as_many_views_as_asked() -> None:
-    assert len(render(box(1, 1, 1), RenderParams(layout="fibonacci", count=7, resolution=16)).depth) == 7
-    assert len(render(box(1, 1, 1), RenderParams(layout="fibonacci", rings=2, resolution=16)).depth) == 14
+    assert len(render(box(1, 1, 1), RenderParams(layout="fibonacci", fibonacci={"views": 7}, resolution=16)).depth) == 7
+    assert len(render(box(1, 1, 1), RenderParams(layout="fibonacci", resolution=16)).depth) == 62
 
 
 def quad() -> tuple[np.ndarray, np.ndarray]:
@@ -233,7 +233,7 @@ def test_a_cloud_looks_like_the_surface_it_was_sampled_from() -> None:
     solid = trimesh.creation.box((1, 0.5, 0.4)).subdivide()
     mesh = shape(solid.vertices, solid.faces)
     cloud = shape(trimesh.sample.sample_surface(solid, 2048, seed=1)[0])
-    params = RenderParams(distance=1.5, rings=2)
+    params = RenderParams(distance=1.5, rings={"count": 2})
     a, b = render(mesh, params), render(cloud, params)
     in_a, in_b = a.face_ids >= 0, b.face_ids >= 0
     assert (in_a & in_b).sum() / (in_a | in_b).sum() > 0.95

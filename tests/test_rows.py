@@ -7,46 +7,54 @@ show it.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel
 
 from b23d.pipeline.config import load_config
 from b23d.pipeline.stage import load_stages
+from b23d.schemas.params import Params, tables_of
 from b23d.schemas.runfile import Shots
 from tests import test_rows_choice, test_rows_features
 
 RUNS = Path(__file__).parents[1] / "runs"
+SOLVERS = ("discrete", "softmax")
 ROWS: dict[int, tuple[str, ...]] = {
-    1: ("stages.optimize.combine",),
+    1: tuple(f"stages.optimize.{solver}.combine" for solver in SOLVERS),
     2: ("stages.reweight.batches", "stages.reweight.normalised"),
     3: ("stages.reweight.weight",),
     4: ("stages.backproject.visibility",),
     5: ("stages.reweight.fill",),
     6: ("stages.reweight.sigma",),
-    7: ("stages.optimize.source_features",),
+    7: tuple(f"stages.optimize.{solver}.source_features" for solver in SOLVERS),
     8: (
         "stages.geodesic.method",
-        "stages.geodesic.neighbors",
-        "stages.geodesic.shortcuts",
-        "stages.geodesic.disconnected",
+        "stages.geodesic.graph.neighbors",
+        "stages.geodesic.graph.shortcuts",
+        "stages.geodesic.graph.disconnected",
     ),
-    9: ("stages.score.units", "stages.optimize.distances"),
-    10: ("stages.optimize.mask",),
-    11: ("stages.optimize.method", "stages.optimize.steps", "stages.optimize.learning_rate", "stages.optimize.seed"),
+    9: ("stages.score.units", *(f"stages.optimize.{solver}.distances" for solver in SOLVERS)),
+    10: tuple(f"stages.optimize.{solver}.mask" for solver in SOLVERS),
+    11: (
+        "stages.optimize.method",
+        "stages.optimize.softmax.steps",
+        "stages.optimize.softmax.learning_rate",
+        "stages.optimize.softmax.seed",
+    ),
     12: ("stages.normalize.candidates",),
     13: ("stages.score.inside",),
     14: ("stages.score.iou",),
     15: ("shots.split",),
     16: ("shots.draws",),
-    17: ("stages.optimize.assignment",),
+    17: ("stages.optimize.hungarian.assignment",),
     18: ("stages.extract.encoder",),
     19: ("stages.backproject.sample",),
     20: ("stages.render.distance",),
-    21: ("stages.render.layout", "stages.render.rings"),
-    22: ("stages.optimize.presence",),
+    21: ("stages.render.layout", "stages.render.rings.count"),
+    22: ("stages.optimize.posterior.presence",),
 }
+PAGE = (Path(__file__).parents[1] / "stages" / "DIFFERENCES.md").read_text()
 
 
 def test_every_row_is_documented_fields_and_has_its_test() -> None:
@@ -55,10 +63,28 @@ def test_every_row_is_documented_fields_and_has_its_test() -> None:
         assert any(name.startswith(f"test_row_{row:02}_") for name in tests), f"row {row} has no test"
         for dotted in fields:
             table, *between, key = dotted.split(".")
-            model: type[BaseModel] = Shots if table == "shots" else stages[between[0]].params
-            assert key in model.model_fields and model.model_fields[key].description, (
-                f"row {row}: {dotted} is no documented field"
-            )
+            model: type[Params] = Shots if table == "shots" else stages[between[0]].params
+            for name in between[1:]:
+                model = tables_of(model)[name]
+            assert (key in model.model_fields and model.model_fields[key].description) or key in (
+                "steps",
+                "learning_rate",
+            ), f"row {row}: {dotted} is no documented field"
+
+
+def test_the_page_of_differences_has_every_row_and_names_its_fields() -> None:
+    rows = {int(line.split("|")[1]): line for line in PAGE.splitlines() if re.match(r"\| \d+ \|", line)}
+    assert rows.keys() == ROWS.keys()
+    for row, fields in ROWS.items():
+        for dotted in fields:
+            assert dotted.rpartition(".")[2] in rows[row], f"row {row} does not name {dotted}"
+
+
+@pytest.mark.parametrize("stage", sorted(load_stages()))
+def test_fields_that_name_a_row_name_the_right_one(stage: str) -> None:
+    for option in load_stages()[stage].params().options():
+        for number in map(int, re.findall(r"DIFFERENCES\.md, row (\d+)", option.field.description or "")):
+            assert any(field.endswith(f".{option.name.rpartition('.')[2]}") for field in ROWS[number]), option.name
 
 
 @pytest.mark.parametrize("name", ["released", "paper", "corrected"])
@@ -67,7 +93,9 @@ def test_the_three_run_files_set_every_row(name: str) -> None:
     for row, fields in ROWS.items():
         for dotted in fields:
             table, *between, key = dotted.split(".")
-            params = config.file.shots if table == "shots" else config.params[between[0]]
+            params: Params = config.file.shots if table == "shots" else config.params[between[0]]
+            for inner in between[1:]:
+                params = getattr(params, inner)
             assert key in params.model_fields_set, f"{name}.toml, row {row}: {dotted} is not set"
 
 

@@ -61,7 +61,7 @@ def test_row_03_views_weighting_depends_on_how_many_views_saw_a_point() -> None:
 
 def test_row_04_background_sees_the_last_face_and_a_face_is_seen_whole() -> None:
     mesh = sampled(trimesh.creation.icosphere(subdivisions=2, radius=0.5))
-    views = render(mesh, RenderParams(rings=2))
+    views = render(mesh, RenderParams(rings={"count": 2}))
     point, face = (
         backproject(mesh, views, noise(views), BackprojectParams(visibility=v)).counts for v in ("point", "face")
     )
@@ -157,7 +157,7 @@ def test_row_18_sam_sees_views_in_its_own_size_and_normalisation(tmp_path: Path)
 
 def test_row_19_points_of_one_patch_share_its_token_or_have_their_own_mixture() -> None:
     plane = shape(SQUARE, SQUARE_FACES, np.array([[0.20, 0, 0.1], [0.22, 0, 0.1]]))
-    views = render(plane, RenderParams(rings=1, distance=2.0))
+    views = render(plane, RenderParams(rings={"count": 1}, distance=2.0))
     pixels = project(plane.points.astype(float), views.world_to_camera, views.intrinsics)[0][TOP]
     assert len({(int(y // 28), int(x // 28)) for x, y in pixels}) == 1
     tokens = token_views(np.random.default_rng(0).normal(size=(len(views.depth), 8, 8, 3)))
@@ -173,18 +173,18 @@ def test_row_19_points_of_one_patch_share_its_token_or_have_their_own_mixture() 
 def test_row_20_the_shape_fits_the_frame_or_the_distance_is_an_error(sides: tuple[float, float, float]) -> None:
     box = trimesh.creation.box(sides)
     made = shape(box.vertices, box.faces, box.vertices)
-    views = render(made, RenderParams(rings=2, resolution=64))
+    views = render(made, RenderParams(rings={"count": 2}, resolution=64))
     pixels, depths = project(box.vertices, views.world_to_camera, views.intrinsics)
     assert ((pixels > 0) & (pixels < 64)).all() and (depths > 0).all()
     with pytest.raises(ValueError, match="distance: expected at least"):
-        render(made, RenderParams(rings=2, resolution=64, distance=0.6))
+        render(made, RenderParams(rings={"count": 2}, resolution=64, distance=0.6))
 
 
 def test_row_21_five_rings_are_sixty_two_views_and_a_fibonacci_sphere_spreads_them() -> None:
     box = trimesh.creation.box()
     made = shape(box.vertices / 2, box.faces, box.vertices / 2)
     for rings in (1, 5):
-        views = render(made, RenderParams(rings=rings, resolution=16))
+        views = render(made, RenderParams(rings={"count": rings}, resolution=16))
         assert len(views.depth) == 2 * rings * (rings + 1) + 2
 
     def nearest(layout: str) -> np.ndarray:

@@ -165,22 +165,23 @@ def test_starts_move_together_as_each_alone_and_leave_when_they_have_arrived(mon
     problem = structured_problem(12, n=80, k=5)
     starts = np.random.default_rng(0).integers(80, size=(12, 5))
     alone = np.unique(np.concatenate([descend(problem, start[None]) for start in starts]), axis=0)
-    moving, sweep = [], module._sweep
+    moving: list[int] = []
+    one_pass = module._pass
 
     def counted(problem: Problem, choices: np.ndarray, one_to_one: bool) -> np.ndarray:
         moving.append(len(choices))
-        return sweep(problem, choices, one_to_one)
+        return one_pass(problem, choices, one_to_one)
 
-    monkeypatch.setattr(module, "_sweep", counted)
+    monkeypatch.setattr(module, "_pass", counted)
     assert np.array_equal(descend(problem, starts), alone)
     assert moving[0] == 12
     assert moving == sorted(moving, reverse=True)
     assert 2 < len(moving) < 15, "far from the bound of 100"
 
 
-def test_fewer_sweeps_stop_earlier() -> None:
+def test_fewer_passes_stop_earlier() -> None:
     problem = random_problem(13, n=200, k=10, alpha=4)
-    reached = [float(objective(problem, discrete(problem, starts=2, sweeps=sweeps))) for sweeps in (1, 100)]
+    reached = [float(objective(problem, discrete(problem, starts=2, passes=passes))) for passes in (1, 100)]
     assert reached[1] < reached[0]
 
 

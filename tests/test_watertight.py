@@ -134,7 +134,7 @@ def test_a_bare_cloud_stays_as_it_is() -> None:
 def test_heat_crosses_parts_that_only_overlap() -> None:
     """Two boxes through each other: unconnected for the Laplacian, one surface when watertight."""
     shape = of_mesh(CROSS.vertices, CROSS.faces, watertight=True, watertight_resolution=24)
-    features = describe(shape, DescribeParams(descriptor="hks", surface="mesh", eigenpairs=16)).features.astype(float)
+    features = describe(shape, DescribeParams(surface="mesh", hks={"eigenpairs": 16})).features.astype(float)
     from_middle = np.abs(shape.points).max(axis=1)
     assert (
         features[from_middle > 0.45, 0].mean() > 1.2 * features[from_middle < 0.2, 0].mean()

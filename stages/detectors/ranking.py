@@ -20,17 +20,17 @@ def ranked(
     method: "iss", "harris" or "sift"; options: its constants, as `Detector.options` has them.
     """
     if method == "iss":
-        radius, apart = scale * options["iss_salient_radius"], scale * options["iss_non_max_radius"]
-        least = int(options["iss_min_neighbors"])
-        response = iss(points, radius, options["iss_gamma_21"], options["iss_gamma_32"], least)
-        chosen = strongest(points, response, apart)
+        radius, separation = scale * options["salient_radius"], scale * options["non_max_radius"]
+        least = int(options["min_neighbors"])
+        response = iss(points, radius, options["gamma_21"], options["gamma_32"], least)
+        chosen = strongest(points, response, separation)
     elif method == "harris":
-        response = harris3d(points, scale * options["harris_radius"], options["harris_k"])
-        most = int(np.ceil(options["harris_fraction"] * len(points)))
-        chosen = strongest(points, response, scale * options["harris_separation"])[:most]
+        response = harris3d(points, scale * options["radius"], options["k"])
+        most = int(np.ceil(options["fraction"] * len(points)))
+        chosen = strongest(points, response, scale * options["separation"])[:most]
     else:
-        finest = scale * options["sift_min_scale"]
-        octaves, steps = int(options["sift_octaves"]), int(options["sift_scales_per_octave"])
-        response = sift3d(points, finest, octaves, steps, options["sift_min_contrast"])
+        finest = scale * options["min_scale"]
+        octaves, steps = int(options["octaves"]), int(options["scales_per_octave"])
+        response = sift3d(points, finest, octaves, steps, options["min_contrast"])
         chosen = strongest(points, response, finest)  # one point may be an extremum at several scales, next to another
     return chosen, response[chosen]

@@ -17,7 +17,8 @@ LEAST = 1e-6
 
 @dataclass(frozen=True)
 class Options:
-    hidden: int
+    width: int
+    """Of the hidden layer; 0: none."""
     components: int
     steps: int
     learning_rate: float
@@ -43,7 +44,7 @@ def train(examples: Sequence[Example], options: Options) -> HeadWeights:
     both = near + far
 
     random = torch.Generator().manual_seed(options.seed)
-    hidden = options.hidden
+    hidden = options.width
     width = hidden or inputs.shape[1]
     layers = [torch.zeros(width, len(ids)), torch.zeros(len(ids))]
     if hidden:

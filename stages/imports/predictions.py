@@ -130,7 +130,7 @@ def sift3d_csv(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoi
         )
     table = table if table.size else np.empty((0, SIFT3D_COLUMNS))
     rows = table[:, -SIFT3D_COLUMNS:]
-    points = np.asarray(params.origin) + params.spacing * rows[:, :3] * 2.0 ** rows[:, 3:4]
+    points = np.asarray(params.sift3d_csv.origin) + params.sift3d_csv.spacing * rows[:, :3] * 2.0 ** rows[:, 3:4]
     return ExternalKeypoints(points, scores=table[:, 0] if table.shape[1] > SIFT3D_COLUMNS else None)
 
 

@@ -43,8 +43,9 @@ def by_face(face_ids: np.ndarray, faces: np.ndarray, point_faces: np.ndarray) ->
     """(view, n) bool: points whose face (m, of `faces` (f, k)), or one that shares a corner with it, is anywhere in the
     view.
 
-    The released rule (method.md row 4), its slip included: the background's id, -1, is taken for the last face, which
-    therefore counts as seen wherever there is background. (Released, the five nearest layers count; here, the first.)
+    The released rule (DIFFERENCES.md, row 4), its slip included: the background's id, -1, is taken for the last face,
+    which therefore counts as seen wherever there is background. (Released, the five nearest layers count; here, the
+    first.)
     """
     seen = np.zeros((len(face_ids), len(point_faces)), bool)
     for view, ids in enumerate(face_ids):

@@ -5,7 +5,7 @@ With the other keypoints fixed, the objective of moving keypoint j to candidate 
     A[j, i] + Σ_{l ≠ j} M_jl (D[i, c_l] − D_kp,jl)²  =  A[j, i] + Σ M D² − 2 Σ M D_kp D + const,
 
 two products with the columns of D at the current choice, so a move costs O(n k) a start. The norms are not squared,
-hence the totals: L = √(ΣA) + α √(ΣR). Every accepted move lowers L, so sweeps end; starts that reach the same choice
+hence the totals: L = √(ΣA) + α √(ΣR). Every accepted move lowers L, so passes end; starts that reach the same choice
 are merged.
 """
 
@@ -29,7 +29,7 @@ def discrete(
     problem: Problem,
     *,
     starts: int = 32,
-    sweeps: int = 100,
+    passes: int = 100,
     seed: int = 0,
     one_to_one: bool = False,
     extra: Iterable[np.ndarray] = (),
@@ -40,7 +40,7 @@ def discrete(
     starts: how many starts in all, besides `extra`: nearest neighbour, assignment, then half of the rest drawn among
     each keypoint's
         nearest candidates, and the other half perturbations of the best choice so far.
-    sweeps: upper bound; a start ends as soon as no move lowers its objective, after three to eight sweeps in practice.
+    passes: upper bound; a start ends as soon as no move lowers its objective, after three to eight passes in practice.
     extra: further choices to start from, such as the result of another solver.
     one_to_one: no candidate twice. Then starts that repeat a candidate are left out.
     Raises ValueError where `one_to_one` asks for more candidates than there are.
@@ -55,22 +55,22 @@ def discrete(
     pool = problem.feature_costs.argsort(1)[:, :NEAREST]  # (k, m)
 
     first = np.concatenate([np.stack(fixed), _draws(pool, free - free // 2, random)])
-    best = _best(problem, first, sweeps, one_to_one)
+    best = _best(problem, first, passes, one_to_one)
     second = np.concatenate([best[None], _perturbed(best, pool, free // 2, random)])
-    return _best(problem, second, sweeps, one_to_one)
+    return _best(problem, second, passes, one_to_one)
 
 
-def descend(problem: Problem, choices: np.ndarray, sweeps: int = 100, one_to_one: bool = False) -> np.ndarray:
+def descend(problem: Problem, choices: np.ndarray, passes: int = 100, one_to_one: bool = False) -> np.ndarray:
     """Local optima reached from `choices` (s, k): no single move to another candidate lowers the objective any more,
-    unless `sweeps` over all keypoints were too few. All starts move at once; those that have arrived leave.
+    unless `passes` over all keypoints were too few. All starts move at once; those that have arrived leave.
 
     Returns (≤ s, k) int64, equal ones merged.
     """
     done: list[np.ndarray] = []
     choices = np.unique(choices, axis=0)
-    for _ in range(sweeps):
+    for _ in range(passes):
         before = choices
-        choices = _sweep(problem, choices.copy(), one_to_one)
+        choices = _pass(problem, choices.copy(), one_to_one)
         still = (choices == before).all(1)
         done.append(choices[still])
         choices = np.unique(choices[~still], axis=0)
@@ -79,16 +79,16 @@ def descend(problem: Problem, choices: np.ndarray, sweeps: int = 100, one_to_one
     return np.unique(np.concatenate([*done, choices]), axis=0)
 
 
-def _best(problem: Problem, starts: np.ndarray, sweeps: int, one_to_one: bool) -> np.ndarray:
+def _best(problem: Problem, starts: np.ndarray, passes: int, one_to_one: bool) -> np.ndarray:
     if one_to_one:
         starts = starts[(np.diff(np.sort(starts, axis=1), axis=1) > 0).all(1)]
     reached = np.concatenate(
-        [descend(problem, starts, sweeps, one_to_one), starts]
-    )  # float32 sweeps, judged in float64
+        [descend(problem, starts, passes, one_to_one), starts]
+    )  # float32 passes, judged in float64
     return reached[objective(problem, reached).argmin()]
 
 
-def _sweep(problem: Problem, choices: np.ndarray, one_to_one: bool) -> np.ndarray:
+def _pass(problem: Problem, choices: np.ndarray, one_to_one: bool) -> np.ndarray:
     """One move of every keypoint of every start; `choices` (s, k) is changed and returned."""
     starts, k = choices.shape
     rows = np.arange(starts)

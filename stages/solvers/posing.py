@@ -18,7 +18,7 @@ from b23d.stages.solvers.scaling import largest_distance, scale_distances, scale
 from b23d.stages.solvers.shots import Shot, Template, combine_shots, smooth_among
 
 if TYPE_CHECKING:
-    from b23d.stages.solvers.options import OptimizeParams
+    from b23d.stages.solvers.options import Objective
 
 
 def pose(
@@ -29,24 +29,27 @@ def pose(
     shot_reweight: Sequence[PointFeatures],
     shot_geodesic: Sequence[GeodesicDistances],
     shot_keypoints: Sequence[Keypoints],
-    params: OptimizeParams,
+    objective: Objective,
+    retrieval: bool = False,
 ) -> tuple[Template, Problem]:
     """What the shots ask for (`template.shots`: the indices of those used), and the target it is asked of.
 
-    Arguments are `optimize`'s. Raises ValueError as it says.
+    Arguments are `optimize`'s, which see for errors. retrieval: use the one shot that looks most like the target.
     """
     used = list(range(len(shot_normalize)))
-    if params.retrieval and len(used) > 1:
+    if retrieval and len(used) > 1:
         used = [retrieve(reweight, shot_reweight)]
-    shots = [_shot(i, shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], params) for i in used]
-    template = combine_shots(shots, params.combine, params.mask)
-    return template, _problem(reweight, geodesic, len(normalize.points), template, params)
+    shots = [
+        _shot(i, shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], objective) for i in used
+    ]
+    template = combine_shots(shots, objective.combine, objective.mask)
+    return template, _problem(reweight, geodesic, len(normalize.points), template, objective)
 
 
 def _problem(
-    reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, params: OptimizeParams
+    reweight: PointFeatures, geodesic: GeodesicDistances, n: int, template: Template, objective: Objective
 ) -> Problem:
-    features, distances = _scaled("the target", reweight, geodesic, n, params)
+    features, distances = _scaled("the target", reweight, geodesic, n, objective)
     if features.shape[1] != template.features.shape[1]:
         raise ValueError(
             f"features: expected {template.features.shape[1]} channels as the shots have, "
@@ -56,7 +59,7 @@ def _problem(
     apart = np.isinf(distances)
     if apart.any():
         distances[apart] = largest_distance(distances)
-    return Problem(features, distances, template.features, template.distances, template.mask, params.alpha)
+    return Problem(features, distances, template.features, template.distances, template.mask, objective.alpha)
 
 
 def _shot(
@@ -65,21 +68,21 @@ def _shot(
     reweight: PointFeatures,
     geodesic: GeodesicDistances,
     keypoints: Keypoints,
-    params: OptimizeParams,
+    objective: Objective,
 ) -> Shot:
     name = f"shot {index}"
-    features, distances = _scaled(name, reweight, geodesic, len(shape.points), params)
+    features, distances = _scaled(name, reweight, geodesic, len(shape.points), objective)
     if not len(keypoints.ids):
         return Shot(str(index), keypoints.ids, features[:0], distances[:0, :0])
     at = keypoint_candidates(keypoints, shape, name)
     own, between = features[at], distances[np.ix_(at, at)]
-    if params.source_features == "keypoints":
-        own = smooth_among(own, between, params.source_sigma * (largest_distance(distances) or 1.0))
+    if objective.source_features == "keypoints":
+        own = smooth_among(own, between, objective.source_sigma * (largest_distance(distances) or 1.0))
     return Shot(str(index), keypoints.ids, own, between)
 
 
 def _scaled(
-    name: str, reweight: PointFeatures, geodesic: GeodesicDistances, n: int, params: OptimizeParams
+    name: str, reweight: PointFeatures, geodesic: GeodesicDistances, n: int, objective: Objective
 ) -> tuple[np.ndarray, np.ndarray]:
     """Features (n, channel) and distances (n, n) of one shape, float32, in the objective's scales."""
     features, distances = reweight.features, geodesic.distances
@@ -92,4 +95,6 @@ def _scaled(
         raise ValueError(
             f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor"
         )
-    return scale_features(features, params.features, reweight.observed), scale_distances(distances, params.distances)
+    return scale_features(features, objective.features, reweight.observed), scale_distances(
+        distances, objective.distances
+    )

@@ -50,8 +50,9 @@ def main() -> int:
     run = load(options.run, *options.set, 'outputs=["optimize"]', store=options.store)
     params = run.config.params["optimize"]
     assert isinstance(params, OptimizeParams)
+    measure = params.measure
     print(
-        f"{run.name}: alpha {params.alpha:g}, features {params.features}, {options.steps} Adam steps, "
+        f"{run.name}: alpha {measure.alpha:g}, features {measure.features}, {options.steps} Adam steps, "
         f"{options.threads} threads"
     )
     print(
@@ -84,14 +85,14 @@ def compare(
     """For every draw of one target: objectives, seconds and scores of both solvers."""
     choices: list[list[np.ndarray]] = []
     started = time.perf_counter()
-    choices.append([discrete(one.problem, starts=params.starts, seed=params.seed) for one in draws])
+    choices.append([discrete(one.problem, starts=params.discrete.starts, seed=params.discrete.seed) for one in draws])
     between = time.perf_counter()
     together = softmax_together(
         [one.problem for one in draws],
-        beta=params.beta,
+        beta=params.softmax.beta,
         steps=steps,
-        learning_rate=params.learning_rate,
-        seed=params.seed,
+        learning_rate=params.softmax.learning_rate,
+        seed=params.softmax.seed,
     )
     choices.append(together)
     seconds = [(between - started) / len(draws), (time.perf_counter() - between) / len(draws)]

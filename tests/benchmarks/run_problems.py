@@ -89,7 +89,7 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
         for draw, node in sorted(nodes[shape], key=lambda pair: pair[0]):
             inputs = {name: given(item) for name, item in node.inputs.items()}
             own = leaves[shape]
-            template, problem = pose(**inputs, params=params)
+            template, problem = pose(**inputs, objective=params.measure, retrieval=params.retrieval)
             yield Posed(
                 category,
                 shape,

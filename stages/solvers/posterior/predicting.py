@@ -55,7 +55,7 @@ def mean_field(model: Model, target: Prepared, unary: np.ndarray, params: Poster
     pull = model.pairs * (params.distance_weight / (2 * params.distance_sd**2) / max(len(place) - 1, 1))
     posterior = _normalised(unary + squared(place, position) / (2 * np.diag(covariance)[:, None]))
     deviation, mode = posterior @ position - place, posterior.argmax(1)
-    for _ in range(params.sweeps):
+    for _ in range(params.iterations):
         for i in range(len(place)):
             centre = place[i] - (precision[i] @ deviation - precision[i, i] * deviation[i]) / precision[i, i]
             cost = unary[i] + 0.5 * precision[i, i] * ((position - centre) ** 2).sum(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -46,8 +47,8 @@ class ExecutedMember:
     def value(self) -> Any:
         """The swept field's value in this run; the label where that is no field of a stage."""
         words = self.series.split(".")
-        if len(words) == 3 and words[0] == "stages" and words[1] in self.run.config.params:
-            return getattr(self.run.config.params[words[1]], words[2])
+        if len(words) >= 3 and words[0] == "stages" and words[1] in self.run.config.params:
+            return attrgetter(".".join(words[2:]))(self.run.config.params[words[1]])
         return self.label
 
     def described(self) -> Iterator[tuple[ShapeResults, NormalizedShape, PointFeatures]]:

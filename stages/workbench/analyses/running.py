@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.config import Config
+from b23d.pipeline.config import Config, load_config, refuse_unused
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
@@ -40,8 +40,10 @@ def executed(
     console: Console, config: Config, outputs: list[str], store: str | None, workers: int | None
 ) -> list[ExecutedMember]:
     """The run's members, or the run itself where it has none, with these outputs; only what is missing is made."""
-    parts = []
-    for member in members(config) or [Member(config.file.name, config.overrides)]:
+    parts, listed = [], members(config) or [Member(config.file.name, config.overrides)]
+    if config.overrides:
+        refuse_unused(config.overrides, [load_config(config.path, member.overrides) for member in listed])
+    for member in listed:
         loaded = Run.load(config.path, (*member.overrides, f"outputs={json.dumps(outputs)}"), store)
         with console.status(f"{escape(member.label)}: running"):
             report = loaded.execute(workers)

@@ -48,7 +48,7 @@ def views_of(rings: int) -> int:
 
 
 AXES = {
-    "stages.render.rings": Axis(
+    "stages.render.rings.count": Axis(
         "number of views", "views", " views", views_of, upright=(50, "paper: converges near 50")
     ),
     "stages.render.distance_factor": Axis(

@@ -3,7 +3,7 @@ unchanged is re-used.
 
 A field can take a detour: first to a value of its own, and to the goal's last, so that all others are seen there. The
 paper's objective is such a place: the published optimiser is too slow to be run at every step, and the posterior method
-ignores half of the fields.
+has none of its fields.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from b23d.pipeline.config import load_config
+from b23d.pipeline.config import Carried, load_config, refuse_unused
 from b23d.pipeline.members import Member
 from b23d.pipeline.verbs.options import Limit, Set, StoreUrl, Workers
-from b23d.stages.workbench.results.changes import changes, members
+from b23d.stages.workbench.results.changes import members, way
 from b23d.stages.workbench.results.series import run_series, series_json, series_plot, series_table
 
-DETOURS = ["stages.optimize.method=discrete", "stages.optimize.presence=all"]
-"""By the paper's own objective, solved fast; and absence only once there is evidence of it."""
+DETOURS = ["stages.optimize.method=discrete"]
+"""By the paper's own objective, solved fast."""
 
 
 def ablate(
@@ -54,36 +54,43 @@ def ablate(
 
     Steps are in dataflow order, so that each re-runs as little as possible. With the defaults, the way leads through
     the discrete solver: the paper's optimiser gives way to it first, every other field is seen by the paper's
-    objective, and the posterior method, which ignores some of them, comes last, with the evidence for absence that it
-    brings. Scores are of targets that every step has scored.
+    objective, and the posterior method comes last, with the evidence for absence that it brings. Scores are of targets
+    that every step has scored.
     """
     console = Console()
     console = console if console.is_terminal else Console(width=140)
-    start, detours = _beside(run, origin), [text for text in via if text]
-    fixed = [text.partition("=")[0].strip() for text in set]
-    steps = changes(
+    start, end, detours = _beside(run, origin), _beside(run, goal), [text for text in via if text]
+    own = load_config(run, map(Carried, set))
+    found = way(
         load_config(start),
-        load_config(_beside(run, goal)),
-        load_config(run, set).stages,
-        load_config(start, detours),
-        [text.partition("=")[0].strip() for text in detours],
-        fixed,
+        load_config(end),
+        own.stages,
+        [load_config(path, map(Carried, detours)) for path in (start, end)],
+        [_field(text) for text in detours],
+        [_field(text) for text in set],
     )
     if dry_run:
-        for number, change in enumerate(steps, 1):
+        for number, change in enumerate(found.steps, 1):
             console.print(f"{number:3} {change}", highlight=False, markup=False)
         return
-    name = load_config(run, set).file.name
-    series = [Member(m.label, (*m.overrides, *set)) for m in members(start.stem, steps, f"{name}.ablation")]
-    found = run_series(console, run, series, store, workers, limit)
-    console.print(series_table("ablation", found))
+    name = own.file.name
+    series = [
+        Member(m.label, (*m.overrides, *map(Carried, set))) for m in members(start.stem, found, f"{name}.ablation")
+    ]
+    refuse_unused(set, [load_config(run, member.overrides) for member in series])
+    scored = run_series(console, run, series, store, workers, limit)
+    console.print(series_table("ablation", scored))
     folder = run.parent / name
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "ablation.html").write_text(series_plot(found))
-    (folder / "ablation.json").write_text(series_json(found))
+    (folder / "ablation.html").write_text(series_plot(scored))
+    (folder / "ablation.json").write_text(series_json(scored))
     console.print(f"plot and figures: {folder / 'ablation.html'}, ablation.json", highlight=False, markup=False)
 
 
 def _beside(run: Path, name: str) -> Path:
     path = Path(name)
     return path if path.suffix == ".toml" else run.parent / f"{name}.toml"
+
+
+def _field(override: str) -> str:
+    return override.partition("=")[0].strip()

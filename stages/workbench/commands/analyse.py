@@ -5,7 +5,7 @@ kind = "stability"
 reference = 7
 
 [sweep]
-"stages.render.rings" = [1, 3, 5, 7]
+"stages.render.rings.count" = [1, 3, 5, 7]
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.config import load_config
+from b23d.pipeline.config import Carried, load_config
 from b23d.pipeline.verbs.options import Set, StoreUrl, Workers
 
 
@@ -32,7 +32,7 @@ def analyse(
     from b23d.stages.workbench.analyses.running import analysis_of, executed, result_table
 
     console = Console()
-    config = load_config(run, set)
+    config = load_config(run, map(Carried, set))
     module, params = analysis_of(config)
     parts = executed(console, config, module.needs(params), store, workers)
     with console.status("comparing"):

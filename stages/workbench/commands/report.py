@@ -9,6 +9,8 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from b23d.pipeline.config import Carried, load_config
+from b23d.pipeline.members import members
 from b23d.pipeline.plan import State
 from b23d.pipeline.run import Run
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
@@ -43,7 +45,8 @@ def report(
     from b23d.stages.workbench.report.writing import write_report
 
     console = Console()
-    loaded = Run.load(run, set, store)
+    series = load_config(run, map(Carried, set))
+    loaded = Run(series if members(series) else load_config(run, set), store)
     compared = _compare(console, loaded, run, store)
     if compared and not any(node.state is State.CACHED for node in loaded.plan().nodes.values()):
         return  # the run itself was never run, only what is compared
@@ -66,7 +69,6 @@ def report(
 
 def _compare(console: Console, loaded: Run, run: Path, store: str | None) -> bool:
     """Write the comparison page, where the run file has something to compare."""
-    from b23d.pipeline.members import members
     from b23d.stages.workbench.report.comparison import write_comparison
     from b23d.stages.workbench.results.comparing import compare
 

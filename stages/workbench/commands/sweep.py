@@ -1,7 +1,7 @@
 """`b23d sweep`: one parameter over several values, or named variants of a run, everything else as the run file says.
 
     [sweep]
-    "stages.optimize.alpha" = [0, 0.25, 1, 4]
+    "stages.reweight.sigma" = [0, 0.01, 0.05]
 
     [variants."descriptors/HKS"]
     "feeds.backproject" = "describe"
@@ -22,7 +22,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.config import load_config
+from b23d.pipeline.config import Carried, load_config, refuse_unused
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
@@ -52,7 +52,7 @@ def sweep(
     goes on. The page, `comparison.html` in the run's folder, shows all that is stored; `b23d report` makes it again
     without running anything.
     """
-    console, config = Console(), load_config(run, set)
+    console, config = Console(), load_config(run, map(Carried, set))
     console = console if console.is_terminal else Console(width=140)
     listed = members(config)
     if not listed:
@@ -61,6 +61,8 @@ def sweep(
             f"add one, or --set 'sweep={{\"a.b\" = [1, 2]}}'"
         )
     chosen = choose(listed, only, without)
+    if set:
+        refuse_unused(set, [load_config(run, member.overrides) for member in chosen])
     for place, member in enumerate(chosen, 1):
         execute(console, run, member, f"{place}/{len(chosen)} {member.label}", store, workers, limit)
     show(console, run, set, store, limit, chosen)
@@ -117,7 +119,7 @@ def show(
     from b23d.stages.workbench.report.terminal import comparison_tables
     from b23d.stages.workbench.results.comparing import compare
 
-    config = load_config(run, set)
+    config = load_config(run, map(Carried, set))
     found = compare(run, members(config), store, limit)
     for table in comparison_tables(found, {member.label for member in chosen}):
         console.print(table)

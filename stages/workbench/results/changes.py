@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from b23d.pipeline.config import Config
+from b23d.pipeline.config import Carried, Config
 from b23d.pipeline.members import Member
+from b23d.schemas.params import flat
 
 
 @dataclass(frozen=True)
@@ -23,49 +24,76 @@ class Change:
         return f"{self.field.removeprefix('stages.')}: {_plain(self.old)} → {_plain(self.new)}"
 
 
-def changes(
-    origin: Config, goal: Config, stages: Iterable[str], detours: Config, via: Sequence[str], fixed: Sequence[str]
-) -> list[Change]:
-    """The steps from `origin` to `goal`: detours' first halves, then field by field in dataflow order, then detours'
-    second halves.
+@dataclass(frozen=True)
+class Way:
+    """From one setting to another."""
 
-    stages: in dataflow order; others stay. detours: `origin` with the values of the fields `via`, of which only those
-    that differ between origin and goal are taken. fixed: fields that stay whatever the two say.
+    start: dict[str, Any]
+    """Every field that differs, as the first setting has it, those of methods that are only chosen later included."""
+    steps: list[Change]
+
+
+def way(
+    origin: Config,
+    goal: Config,
+    stages: Iterable[str],
+    detours: Sequence[Config],
+    via: Sequence[str],
+    fixed: Sequence[str],
+) -> Way:
+    """Detours' first halves, then field by field in dataflow order what counts between them, then detours' second
+    halves, then what counts only where these lead.
+
+    stages: in dataflow order; others stay. detours: `origin` and `goal` with the values of the fields `via`, of which
+    only those that differ between origin and goal are taken. fixed: fields that stay whatever the two say.
     """
-    differ: dict[str, tuple[Any, Any]] = {}
-    for stage in stages:
-        if stage in origin.params and stage in goal.params:
-            old, new = origin.params[stage].hashed(), goal.params[stage].hashed()
-            differ |= {f"stages.{stage}.{key}": (old[key], new[key]) for key in old if old[key] != new[key]}
-    differ = {
-        field: pair for field, pair in differ.items() if not any(field == f or f.startswith(f"{field}.") for f in fixed)
-    }
-    middle = {field: _at(detours, field) for field in via if field in differ}
-    out = [Change(field, differ[field][0], value) for field, value in middle.items()]
-    straight = [Change(field, old, new) for field, (old, new) in differ.items() if field not in middle]
-    back = [Change(field, value, differ[field][1]) for field, value in middle.items()]
-    return [change for change in (*out, *straight, *back) if change.old != change.new]
+    both = [stage for stage in stages if stage in origin.params and stage in goal.params]
+    old, new = _values(origin, both), _values(goal, both)
+    differ = [name for name in old if old[name] != new[name] and name not in fixed]
+    there = _values(detours[0], both)
+    middle = [name for name in via if name in differ]
+    between = set().union(*(_counting(config, both) for config in (detours if middle else (origin, goal))))
+    after = _counting(goal, both)
+    out = [Change(name, old[name], there[name]) for name in middle]
+    straight = [Change(name, old[name], new[name]) for name in differ if name in between and name not in middle]
+    back = [Change(name, there[name], new[name]) for name in middle]
+    late = [Change(name, old[name], new[name]) for name in differ if name in after - between and name not in middle]
+    steps = [change for change in (*out, *straight, *back, *late) if change.old != change.new]
+    return Way({name: old[name] for name in differ}, steps)
 
 
-def members(origin: str, steps: Sequence[Change], name: str) -> list[Member]:
+def members(origin: str, found: Way, name: str) -> list[Member]:
     """The run before the first step, and that after each."""
-    state: dict[str, Any] = {}
-    for change in steps:
-        state.setdefault(change.field, change.old)
-    found = [Member(origin, _overrides(state, name))]
-    for change in steps:
+    state = dict(found.start)
+    listed = [Member(origin, _overrides(state, name))]
+    for change in found.steps:
         state[change.field] = change.new
-        found.append(Member(str(change), _overrides(state, name)))
-    return found
+        listed.append(Member(str(change), _overrides(state, name)))
+    return listed
 
 
 def _overrides(state: dict[str, Any], name: str) -> tuple[str, ...]:
-    return (*(f"{field}={json.dumps(value)}" for field, value in state.items()), f"name={name}")
+    return (*(Carried(f"{field}={json.dumps(value)}") for field, value in state.items()), f"name={name}")
 
 
-def _at(config: Config, field: str) -> Any:
-    _, stage, key = field.split(".", 2)
-    return config.params[stage].hashed()[key]
+def _values(config: Config, stages: Iterable[str]) -> dict[str, Any]:
+    """Dotted name → value of every field that may enter an address, whether it counts or not."""
+    dumped = {stage: flat(config.params[stage].model_dump(mode="json")) for stage in stages}
+    return {
+        f"stages.{stage}.{option.name}": dumped[stage][option.name]
+        for stage in stages
+        for option in config.params[stage].options()
+        if not option.unhashed
+    }
+
+
+def _counting(config: Config, stages: Iterable[str]) -> set[str]:
+    return {
+        f"stages.{stage}.{option.name}"
+        for stage in stages
+        for option in config.params[stage].options()
+        if option.counts
+    }
 
 
 def _plain(value: Any) -> str:

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.run import Run
+from b23d.schemas.params import flat
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
 from b23d.stages.workbench.results.scores import run_scores
@@ -21,7 +22,7 @@ def parameters(run: Run) -> dict[str, Any]:
     found = {
         f"stages.{stage}.{key}": value
         for stage, params in run.config.params.items()
-        for key, value in params.hashed().items()
+        for key, value in flat(params.hashed()).items()
     }
     found |= {f"dataset.{key}": str(value) for key, value in run.config.dataset.model_dump().items()}
     found |= {f"shots.{key}": value for key, value in run.config.file.shots.model_dump().items()}

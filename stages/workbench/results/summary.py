@@ -16,18 +16,21 @@ from b23d.schemas.params import Params
 
 
 def settings(run: Run) -> list[dict[str, Any]]:
-    """Every field of every stage's Params: where, value, default, whether they differ, and what it means."""
+    """Every field of every stage's Params that counts: where, value, default, whether they differ, and what it
+    means."""
     tables: list[tuple[str, Params]] = [("shots", run.config.file.shots)]
     tables += [(f"stages.{name}", params) for name, params in run.config.params.items()]
     return [line for where, params in tables for line in _fields(where, params)]
 
 
 def _fields(where: str, params: Params) -> Iterable[dict[str, Any]]:
-    for name, field in type(params).model_fields.items():
-        value, default = getattr(params, name), field.get_default(call_default_factory=True)
+    for option in params.options():
+        if not option.counts:
+            continue
+        value, field, default = option.value, option.field, option.field.get_default(call_default_factory=True)
         required = default is PydanticUndefined
         yield {
-            "key": f"{where}.{name}",
+            "key": f"{where}.{option.name}",
             "value": _text(value),
             "default": "" if required else _text(default),
             "differs": not required and value != default,

@@ -1,0 +1,81 @@
+"""Tables to checked params; errors say what was expected and, for a key that stands in the wrong place, where it
+belongs."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from b23d.pipeline.errors import RunFileError
+from b23d.schemas.params import Params, choice_of, homes
+
+P = TypeVar("P", bound=Params)
+
+
+def validate(model: type[P], table: Mapping[str, Any], where: str) -> P:
+    """Raises RunFileError with a line for everything that is wrong; `where` begins each."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        raise RunFileError("\n".join(_line(model, problem, where) for problem in error.errors())) from error
+
+
+def _line(model: type[BaseModel], problem: Any, where: str) -> str:
+    key = ".".join(map(str, problem["loc"]))
+    table = _table_at(model, problem["loc"][:-1])
+    if problem["type"] == "extra_forbidden":
+        name = str(problem["loc"][-1])
+        elsewhere = _belongs(table, name, where) if table else None
+        elsewhere = elsewhere or suggest(name, table.model_fields if table else ())
+        return f"{where}: expected a known key, got {key!r}; {elsewhere}"
+    if problem["type"] == "missing":
+        return f"{where}: expected {key!r}, got nothing; add it"
+    if problem["type"] == "model_type" and (inner := _table_at(model, problem["loc"])):
+        fields = ", ".join(inner.model_fields)
+        return (
+            f"{where}: {key}: expected a table, got {short(problem['input'])}; it takes {fields}: "
+            f"set {key}.{next(iter(inner.model_fields))}, say"
+        )
+    told = f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
+    return f"{told}, got {short(problem['input'])}; mend the value"
+
+
+def short(value: Any) -> str:
+    """A value as a message shows it."""
+    try:
+        text = repr(str(value) if isinstance(value, str) else value)
+    except (RecursionError, ValueError):  # ValueError: a whole number of more digits than Python prints
+        return f"a {type(value).__name__} too deep or long to print"
+    return text if len(text) <= 120 else f"{text[:120]}…"
+
+
+def _belongs(model: type[BaseModel], name: str, where: str) -> str | None:
+    """Where a key that is none of the model's own belongs; None where no table of it has one of that name."""
+    if not (found := homes(model, name)):
+        return None
+    stage = where.rpartition("[")[2].rstrip("]")
+    choices = [choice_of(model, home[0]) for home in found]
+    of = f"{choices[0][0]} " if choices[0] else ""
+    owners = ", ".join(
+        dict.fromkeys(str(choice[1]) if choice else home[0] for choice, home in zip(choices, found, strict=True))
+    )
+    return f"{name} belongs to {of}{owners}: set {stage}.{'.'.join(found[0])}"
+
+
+def _table_at(model: type[BaseModel], location: Iterable[Any]) -> type[BaseModel] | None:
+    for key in location:
+        field = model.model_fields.get(str(key))
+        if field is None or not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+            return None
+        model = field.annotation
+    return model
+
+
+def suggest(name: str, known: Iterable[str]) -> str:
+    """The end of an error about a name that is not known."""
+    known = sorted(known)
+    close = difflib.get_close_matches(name, known, 1)
+    return f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known) or 'none here'}"
