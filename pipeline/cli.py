@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from importlib.metadata import entry_points
 from typing import Annotated, Any
@@ -12,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from b23d.pipeline.errors import B23dError
+from b23d.pipeline.stopping import Stopped, end, stop_on_signals
 from b23d.pipeline.verbs.explain import explain
 from b23d.pipeline.verbs.gc import gc
 from b23d.pipeline.verbs.plan import plan
@@ -49,19 +49,19 @@ def plug_in() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of `b23d`: errors are printed as one line, without a traceback."""
-    plug_in()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    stop_on_signals()
     try:
+        plug_in()
         app(args=arguments)
-    except KeyboardInterrupt:
-        Console(stderr=True).print("interrupted; what was finished is stored, run again to go on")
-        sys.exit(130)
+    except Stopped as stop:
+        print(stop, file=sys.stderr)
+        end(stop.code)
     except (B23dError, OSError, ValueError, KeyError, RuntimeError) as error:
         if debugging.on:
             raise
         message: Any = error.args[0] if isinstance(error, KeyError) and error.args else error
         Console(stderr=True).print(f"[red]error:[/] {escape(str(message))}", highlight=False, soft_wrap=True)
-        sys.exit(2)
+        sys.exit(error.exit_code if isinstance(error, B23dError) else 2)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.stage import Stage, load_stages
 from b23d.schemas.params import Params, flat, missing_choice, tables_of
-from b23d.schemas.runfile import RunFile
+from b23d.schemas.runfile import RunFile, Tls
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     for text in overrides:
         _put(tables, *_override(text))
     installed = load_stages()
+    tls = _table(_table(tables, "execution"), "tls")
+    tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
     file = validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
     stages = _needed(file, installed)
@@ -109,7 +111,11 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise RunFileError(
             f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names"
         ) from error
-    for table in [tables.get("dataset"), *_tables(tables.get("stages"))]:
+    for table in [
+        _table(tables, "dataset"),
+        _table(_table(tables, "execution"), "tls"),
+        *_tables(tables.get("stages")),
+    ]:
         if isinstance(table, dict):
             _anchor(table, path.parent)
     base = tables.pop("base", None)
@@ -143,6 +149,12 @@ def _anchor(table: dict[str, Any], folder: Path) -> None:
             _anchor(value, folder)
         elif isinstance(value, str):
             table[key] = _Anchored(value, folder)
+
+
+def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """A table of that name, else an empty one: what is no table is refused when all is validated."""
+    table = tables.get(name)
+    return table if isinstance(table, dict) else {}
 
 
 def _tables(table: Any) -> list[Any]:

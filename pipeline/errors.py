@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+from typing import ClassVar
 
 
 class B23dError(Exception):
     """Base of the engine's own errors."""
+
+    exit_code: ClassVar[int] = 2
+    """Of the command line that ends with it."""
 
 
 class RunFileError(B23dError, ValueError):
@@ -27,6 +31,12 @@ class ResourceError(B23dError, RuntimeError):
 
 class SelectionError(B23dError, ValueError):
     """A shape, class or stage asked for that a run does not have."""
+
+
+class ClusterError(B23dError, ConnectionError):
+    """The scheduler or the workers that a run was to use are not there, or gone."""
+
+    exit_code = 4
 
 
 def naming(shape: str, message: str) -> str:

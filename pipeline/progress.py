@@ -11,7 +11,10 @@ from rich.table import Table
 
 from b23d.pipeline.plan import Plan, State
 from b23d.pipeline.run import Report
+from b23d.pipeline.stopping import Stopped
 from b23d.pipeline.tasks import Outcome
+
+WANTED = (State.CACHED, State.RUN, State.BLOCKED)
 
 
 class RunProgress:
@@ -24,16 +27,22 @@ class RunProgress:
         self._bars: dict[str, TaskID] = {}
         self._seconds: dict[str, list[float]] = defaultdict(list)
         self._failed: Counter[str] = Counter()
+        self._stored = self._wanted = 0
 
     def __enter__(self) -> RunProgress:
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         self._progress.stop()
+        if isinstance(error, Stopped):
+            state = f"{self._stored} of {self._wanted} stored" if self._wanted else "nothing was planned yet"
+            error.text = f"stopped: {state}; run again to go on"
 
     def start(self, plan: Plan, address: str) -> None:
         self.console.print(f"[dim]{len(plan.to_run())} to run; dashboard: {escape(address)}[/]", highlight=False)
         counts, inlined = plan.count(), plan.inlined()
+        self._stored = sum(states[State.CACHED] for states in counts.values())
+        self._wanted = sum(n for states in counts.values() for state, n in states.items() if state in WANTED)
         for stage in plan.stages:
             total = counts[stage][State.RUN]
             if total:
@@ -51,6 +60,7 @@ class RunProgress:
             self._failed[outcome.stage] += 1
             self._progress.console.print(f"[red]✗[/] {outcome.stage}: {escape(outcome.failure.error)}", highlight=False)
         else:
+            self._stored += 1
             self._seconds[outcome.stage].append(outcome.seconds)
         seconds, failed = self._seconds[outcome.stage], self._failed[outcome.stage]
         note = f"{sum(seconds) / len(seconds):.2f} s each" if seconds else ""

@@ -94,7 +94,7 @@ class Run:
         started = time.perf_counter()
         self.store.check_writable()
         self.store.sweep()
-        report, executor = Report(), None
+        report, executor, whole = Report(), None, False
         plan = self.plan(selection)
         try:
             while plan.to_run():
@@ -109,9 +109,10 @@ class Run:
                     plan = again
                     break
                 plan = again
+            whole = True
         finally:
             if executor is not None:
-                executor.close()
+                executor.close(at_once=not whole)
         known = {failure.address for failure in report.failures}
         report.failures += [
             problem for problem in plan.problems if problem.address not in known or problem.stage in ("source", "draw")

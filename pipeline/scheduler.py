@@ -1,4 +1,4 @@
-"""Executors: how ready tasks become outcomes. One in this process, one on dask.distributed (the only module with dask).
+"""Executors: how ready tasks become outcomes. One in this process, one on dask.distributed.
 
 The graph stays here: an executor sees ready tasks only, through a bounded window, deepest stage first, so that a data
 set is finished shape by shape and neither memory nor the scheduler fills up with what nobody has asked for yet.
@@ -6,18 +6,20 @@ set is finished shape by shape and neither memory nor the scheduler fills up wit
 
 from __future__ import annotations
 
-import contextlib
+import time
 import uuid
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
-from b23d.pipeline.cluster import CONFIG, environ_kept, local_cluster
-from b23d.pipeline.errors import ResourceError
+from b23d.pipeline.cluster import Cluster
+from b23d.pipeline.errors import ClusterError, ResourceError
 from b23d.pipeline.index import Failure
 from b23d.pipeline.stage import Hints
 from b23d.pipeline.tasks import Outcome, Task, run_task
 from b23d.schemas.runfile import Execution
+
+PULSE = 1.0  # seconds without an outcome before the cluster is asked whether it is still there
 
 
 class Executor(Protocol):
@@ -28,7 +30,9 @@ class Executor(Protocol):
         now."""
         ...
 
-    def close(self) -> None: ...
+    def close(self, at_once: bool = False) -> None:
+        """Let go of the workers; `at_once`: of what they are doing, too."""
+        ...
 
 
 class InlineExecutor:
@@ -40,86 +44,103 @@ class InlineExecutor:
         while (task := next_task()) is not None:
             yield run_task(task)
 
-    def close(self) -> None:
+    def close(self, at_once: bool = False) -> None:
         pass
 
 
 class DaskExecutor:
-    """dask.distributed: a cluster of processes made here (one thread each), or an existing one by its address."""
+    """dask.distributed: a cluster of processes made here (one thread each), or an existing one by its address.
+
+    Raises ClusterError where the cluster does not come up, or has gone for longer than `options.timeout`, and
+    ResourceError where no worker has what a stage needs.
+    """
 
     def __init__(self, options: Execution, hints: dict[str, Hints]) -> None:
-        import dask
-        from distributed import Client
-
-        self._restore = contextlib.ExitStack()  # the user's own settings come back when this is closed
-        self._restore.enter_context(dask.config.set(CONFIG))
-        self._restore.enter_context(environ_kept())
         self._hints, self._options = hints, options
-        if options.scheduler:
-            self._cluster = None
-            self._client = Client(options.scheduler, set_as_default=False)
-        else:
-            self._cluster = local_cluster(options)
-            self._client = Client(self._cluster, set_as_default=False)
-        workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        self._slots = max(1, sum(worker["nthreads"] for worker in workers))
-        self._offered = {name: amount for worker in workers for name, amount in worker.get("resources", {}).items()}
-        self.address = str(self._client.dashboard_link)
-        try:
-            for stage in hints:
-                self._resources(stage)
-        except ResourceError:
-            self.close()
-            raise
+        self._cluster = Cluster(options)
+        self.address = self._cluster.dashboard
+        self._missing_since: float | None = None
+        deadline = time.monotonic() + (options.timeout if options.scheduler else 0)
+        while True:  # the workers of an existing cluster come one by one
+            try:
+                for stage in hints:
+                    self._resources(stage)
+                break
+            except ResourceError:
+                if time.monotonic() > deadline:
+                    self.close()
+                    raise
+                time.sleep(PULSE / 4)
+                self._cluster.missing([])
 
     def run(self, next_task: Callable[[], Task | None]) -> Iterator[Outcome]:
-        from distributed import as_completed
-
         running: dict[str, Task] = {}
+        finished: SimpleQueue[Any] = SimpleQueue()
+        again: list[Task] = []  # lost with the connection to the scheduler
         suspects: list[Task] = []  # were on a worker that died; each runs again alone, so that the guilty one is known
         alone: Task | None = None
-        finished = as_completed([], loop=self._client.loop, raise_errors=False)
 
         def submit(task: Task) -> None:
             key = f"{task.stage}-{task.address}-{uuid.uuid4().hex[:8]}"
-            future = self._client.submit(
+            future = self._cluster.client.submit(
                 run_task, task, key=key, pure=False, resources=self._resources(task.stage) or None
             )
-            running[str(future.key)] = task
-            finished.add(future)
+            running[key] = task
+            future.add_done_callback(finished.put)
+
+        def room() -> bool:
+            # two tasks a thread: a worker never waits for this process
+            free = not suspects and alone is None and len(running) < 2 * self._cluster.slots
+            return free and self._cluster.connected
 
         while True:
-            # two tasks a thread: a worker never waits for this process
-            while (
-                not suspects and alone is None and len(running) < 2 * self._slots and (task := next_task()) is not None
-            ):
+            while room() and (task := again.pop() if again else next_task()) is not None:
                 submit(task)
-            if not running and suspects:
+            if not running and suspects and self._cluster.connected:
                 submit(alone := suspects.pop())
-            if not running:
-                return
-            future = next(finished)
+            if not running and not suspects and not again:
+                if (task := next_task()) is None:
+                    return
+                again.append(task)
+            try:
+                future = finished.get(timeout=PULSE)
+            except Empty:
+                self._check(list(running.values()))
+                continue
+            self._missing_since = None
             task = running.pop(str(future.key))
-            if future.status == "finished":
-                yield future.result()
-            elif task is alone:
-                yield _lost(task, future)
+            outcome, error = _result(future)
+            if outcome is not None:
+                yield outcome
+            elif error is None:
+                again.append(task)
             else:
-                suspects.append(task)
+                self._cluster.check_death(error)
+                if task is alone:
+                    yield _lost(task, error)
+                else:
+                    suspects.append(task)
             alone = None if task is alone else alone
             future.release()
 
-    def close(self) -> None:
-        self._client.close()
-        if self._cluster is not None:
-            self._cluster.close()
-        self._restore.close()
+    def close(self, at_once: bool = False) -> None:
+        self._cluster.close(at_once)
 
-    def _resources(self, stage: str) -> dict[str, float]:
+    def _check(self, running: list[Task]) -> None:
+        """Raises ClusterError where for too long nothing can come any more."""
+        missing = self._cluster.missing([self._resources(task.stage, check=False) for task in running])
+        if missing is None:
+            self._missing_since = None
+            return
+        self._missing_since = self._missing_since or time.monotonic()
+        if time.monotonic() - self._missing_since > self._options.timeout:
+            raise ClusterError(f"{missing}; what was finished is stored, run again to go on")
+
+    def _resources(self, stage: str, check: bool = True) -> dict[str, float]:
         wanted = self._options.resources.get(stage)
         amount = wanted.gpu if wanted else 1.0 if self._hints[stage].gpu == "required" else 0.0
-        offered = self._offered.get("gpu", 0.0)
-        if amount > offered:
+        offered = self._cluster.offered.get("gpu", 0.0)
+        if check and amount > offered:
             raise ResourceError(
                 f"stage {stage}: expected a worker with {amount:g} gpu, got workers with {offered:g}; "
                 "start one with `dask worker --resources gpu=1`, or lower execution.resources"
@@ -129,12 +150,22 @@ class DaskExecutor:
         return {"gpu": amount} if amount else {}
 
 
-def _lost(task: Task, future: Any) -> Outcome:
-    error = None if future.cancelled() else future.exception()
-    reason = f"{type(error).__name__}" if error else CancelledError.__name__
+def _result(future: Any) -> tuple[Outcome | None, BaseException | None]:
+    """(outcome, None), or (None, what happened instead); neither where it was lost on its way: to be run again."""
+    from distributed import CancelledError
+
+    try:
+        return (
+            (future.result(timeout=30), None) if future.status == "finished" else (None, future.exception(timeout=30))
+        )
+    except (CancelledError, TimeoutError):
+        return None, None
+
+
+def _lost(task: Task, error: BaseException) -> Outcome:
     text = (
-        f"{task.shape}: expected the worker to finish {task.stage}, got its death ({reason}: out of memory, "
-        "or a crash in native code); raise execution.memory_gb, or run with --workers 0 to see"
+        f"{task.shape}: expected the worker to finish {task.stage}, got its death ({type(error).__name__}: out of "
+        "memory, or a crash in native code); raise execution.memory_gb, or run with --workers 0 to see"
     )
     failure = Failure(task.stage, task.shape, task.address, f"ChildProcessError: {text}", permanent=False)
     return Outcome(task.stage, task.address, task.shape, failure=failure)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -36,13 +37,28 @@ class Resources(Params):
     gpu: float = 0
 
 
+class Tls(Params):
+    """Certificates (PEM files) for a cluster whose address begins with tls://."""
+
+    ca: Path
+    """Whom to trust: the authority that signed the scheduler's and the workers' certificates."""
+    cert: Path
+    """This client's certificate."""
+    key: Path | None = None
+    """Its private key; None: in `cert`."""
+
+
 class Execution(Params):
     """How to run. Never enters an address."""
 
     workers: int | None = Field(None, ge=0)
     """Worker processes; 0 runs everything in this process; None: one a core (and one a GPU)."""
     scheduler: str | None = None
-    """Address of an existing dask cluster."""
+    """Address of an existing dask cluster: tcp://… in a network of friends, tls://… elsewhere."""
+    tls: Tls | None = None
+    """None: the certificates of dask's own settings (`distributed.comm.tls`)."""
+    timeout: float = Field(60.0, gt=0)
+    """Seconds to wait for a cluster's scheduler, and for a worker when it has none, before giving up."""
     memory_gb: float = Field(4.0, gt=0)
     """Memory limit of a worker process."""
     resources: dict[str, Resources] = {}
