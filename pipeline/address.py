@@ -57,3 +57,11 @@ class StageAddress:
             for name, v in sorted(inputs.items())
         )
         return sha256(f'{{"inputs":{{{",".join(texts)}}}{self._tail}')
+
+
+def content_digest(schema: str, values: Mapping[str, Any], arrays: Mapping[str, Mapping[str, Any]]) -> str:
+    """Digest of what an artifact holds, whatever made it: its schema, its JSON values (NaN allowed), and each array's
+    shape, dtype and sha256. How arrays are encoded, and the provenance, are left out."""
+    told = {name: [list(array["shape"]), array["dtype"], array["sha256"]] for name, array in arrays.items()}
+    content = {"recipe": RECIPE, "content": {"schema": schema, "values": values, "arrays": told}}
+    return sha256(json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False))

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+from b23d.pipeline.anchoring import Anchored, anchor, place_store, table_in, tables_in
 from b23d.pipeline.checking import short, suggest, validate
 from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
-from b23d.pipeline.stage import Stage, load_stages
+from b23d.pipeline.stage import Stage, default_outputs, load_stages
 from b23d.schemas.params import Params, flat, missing_choice, tables_of
 from b23d.schemas.runfile import RunFile, Tls
 
@@ -46,8 +47,10 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     for text in overrides:
         _put(tables, *_override(text))
     installed = load_stages()
-    tls = _table(_table(tables, "execution"), "tls")
+    tls = table_in(table_in(tables, "execution"), "tls")
     tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
+    place_store(tables, path)
+    tables.setdefault("outputs", default_outputs())
     file = validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
     stages = _needed(file, installed)
@@ -112,12 +115,13 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
             f"run file {path}: expected TOML, got a syntax error: {error}; mend the line it names"
         ) from error
     for table in [
-        _table(tables, "dataset"),
-        _table(_table(tables, "execution"), "tls"),
-        *_tables(tables.get("stages")),
+        table_in(tables, "dataset"),
+        table_in(tables, "store"),
+        table_in(table_in(tables, "execution"), "tls"),
+        *tables_in(tables.get("stages")),
     ]:
         if isinstance(table, dict):
-            _anchor(table, path.parent)
+            anchor(table, path.parent)
     base = tables.pop("base", None)
     if base is None:
         return tables
@@ -130,35 +134,6 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         merged.pop("dataset")  # another kind of data set shares no fields with the base's
     _merge(merged, tables)
     return merged
-
-
-class _Anchored(str):
-    """A string of a run file that is relative to `folder`, should its field turn out to be a path."""
-
-    folder: Path
-
-    def __new__(cls, text: str, folder: Path) -> _Anchored:
-        self = super().__new__(cls, text)
-        self.folder = folder
-        return self
-
-
-def _anchor(table: dict[str, Any], folder: Path) -> None:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            _anchor(value, folder)
-        elif isinstance(value, str):
-            table[key] = _Anchored(value, folder)
-
-
-def _table(tables: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """A table of that name, else an empty one: what is no table is refused when all is validated."""
-    table = tables.get(name)
-    return table if isinstance(table, dict) else {}
-
-
-def _tables(table: Any) -> list[Any]:
-    return list(table.values()) if isinstance(table, dict) else []
 
 
 def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
@@ -245,8 +220,8 @@ def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict
             return _absolute(tables[key], value, where)
         field = model.model_fields.get(key)
         if field is None or Path not in (field.annotation, *get_args(field.annotation)) or not isinstance(value, str):
-            return str(value) if isinstance(value, _Anchored) else value
-        folder = value.folder if isinstance(value, _Anchored) else Path.cwd()
+            return str(value) if isinstance(value, Anchored) else value
+        folder = value.folder if isinstance(value, Anchored) else Path.cwd()
         try:
             return (folder / Path(value).expanduser()).resolve()
         except (OSError, ValueError, RuntimeError) as error:  # a null byte, the home of nobody, links in a circle

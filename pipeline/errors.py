@@ -20,9 +20,15 @@ class RunFileError(B23dError, ValueError):
 class ArtifactNotFoundError(B23dError, FileNotFoundError):
     """An artifact that is not in the store."""
 
+    artifact: tuple[str, str] | None = None
+    """(stage, address)."""
+
 
 class CorruptArtifactError(B23dError, OSError):
     """An artifact in the store whose bytes are not those that were written."""
+
+    artifact: tuple[str, str] | None = None
+    """(stage, address)."""
 
 
 class ResourceError(B23dError, RuntimeError):
@@ -31,6 +37,24 @@ class ResourceError(B23dError, RuntimeError):
 
 class SelectionError(B23dError, ValueError):
     """A shape, class or stage asked for that a run does not have."""
+
+
+class StoreError(B23dError, OSError):
+    """The store itself cannot be read or written: no space, read-only, gone. No shape's fault: a run stops at it."""
+
+    exit_code = 3
+
+
+class UnwritableStoreError(StoreError, PermissionError):
+    """A store that a run could not write to, found before its first task."""
+
+
+class NotAStoreError(B23dError, ValueError):
+    """A folder that is no store, or one of a newer format."""
+
+
+class MissingPackageError(B23dError, ImportError):
+    """An optional package that is not installed; the message names the extra to install."""
 
 
 class ClusterError(B23dError, ConnectionError):

@@ -14,14 +14,14 @@ class Frontier:
 
     def __init__(self, plan: Plan) -> None:
         depth = {stage: index for index, stage in enumerate(plan.stages)}
-        self._key = {(n.stage, n.address): (-depth[n.stage], order) for order, n in enumerate(plan.nodes.values())}
+        self._key = {(n.stage, n.recipe): (-depth[n.stage], order) for order, n in enumerate(plan.nodes.values())}
         self._waiting: dict[tuple[str, str], int] = {}
         self._below: dict[tuple[str, str], list[Node]] = defaultdict(list)
         self._ready: list[tuple[tuple[int, int], Node]] = []
         self._blocked: set[tuple[str, str]] = set()
         for node in plan.to_run():
             above = set(_needed(node))
-            self._waiting[node.stage, node.address] = len(above)
+            self._waiting[node.stage, node.recipe] = len(above)
             for key in above:
                 self._below[key].append(node)
             if not above:
@@ -32,7 +32,7 @@ class Frontier:
 
     def done(self, stage: str, address: str) -> None:
         for node in self._below.pop((stage, address), []):
-            key = (node.stage, node.address)
+            key = (node.stage, node.recipe)
             self._waiting[key] -= 1
             if self._waiting[key] == 0 and key not in self._blocked:
                 self._push(node)
@@ -43,7 +43,7 @@ class Frontier:
         stack = self._below.pop((stage, address), [])
         while stack:
             node = stack.pop()
-            key = (node.stage, node.address)
+            key = (node.stage, node.recipe)
             if key not in self._blocked:
                 self._blocked.add(key)
                 lost.append(node)
@@ -51,7 +51,7 @@ class Frontier:
         return lost
 
     def _push(self, node: Node) -> None:
-        heapq.heappush(self._ready, (self._key[node.stage, node.address], node))
+        heapq.heappush(self._ready, (self._key[node.stage, node.recipe], node))
 
 
 def _needed(node: Node) -> Iterator[tuple[str, str]]:
@@ -62,4 +62,4 @@ def _needed(node: Node) -> Iterator[tuple[str, str]]:
         if above.state is State.TRANSIENT:
             yield from _needed(above)
         else:
-            yield above.stage, above.address
+            yield above.stage, above.recipe

@@ -32,13 +32,21 @@ class LeafNode:
     address: str
     error: str | None = None
 
+    @property
+    def recipe(self) -> str:
+        """A leaf is what it is: its address says it all."""
+        return self.address
+
 
 @dataclass(slots=True, eq=False)
 class Node:
     stage: str
     shape: str
     category: str
+    recipe: str
+    """Its address by how it is made."""
     address: str
+    """Where it is, or will be, stored: its recipe's address, or that of an artifact that is known to hold the same."""
     inputs: dict[str, Node | LeafNode | list[Node | LeafNode] | None]
     draws: list[int] = field(default_factory=list)
     """Draws this node serves; empty for stages that see no shots."""
@@ -66,7 +74,7 @@ class Plan:
     stages: list[str]
     """In dataflow order."""
     nodes: ByAddress
-    """(stage, address) → node, upstream before downstream."""
+    """(stage, recipe) → node, upstream before downstream."""
     by_shape: ByShape
     """(stage, shape, draw) → node."""
     draws: list[Draw]
@@ -84,8 +92,12 @@ class Plan:
 
     def inlined(self) -> Counter[str]:
         """How often each transient stage has to be computed inside the tasks to run."""
-        needed = {(node.stage, node.address) for task in self.to_run() for node in _transient_above(task)}
+        needed = {(node.stage, node.recipe) for task in self.to_run() for node in _transient_above(task)}
         return Counter(stage for stage, _ in needed)
+
+    def reached(self) -> set[tuple[str, str]]:
+        """(stage, address) of all that this plan has, or will make."""
+        return {(node.stage, address) for node in self.nodes.values() for address in (node.recipe, node.address)}
 
 
 def _transient_above(node: Node) -> Iterator[Node]:

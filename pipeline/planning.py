@@ -45,7 +45,7 @@ def _make_plan(config: Config, shapes: list[Shape], store: Store, index: Index, 
     serving = [draw for draw in draws if not selection.narrows or any(t.name in targets for t in draw.targets)]
     wanted = targets | {shot.name for draw in serving for shot in draw.shots}
     by_shape = {key: node for key, node in planner.by_shape.items() if key[1] in wanted}
-    nodes = {(node.stage, node.address): node for node in by_shape.values()}
+    nodes = {(node.stage, node.recipe): node for node in by_shape.values()}
     for node in nodes.values():
         planner.settle(node)
     by_shape, nodes = _only_selected(config, selection, targets, by_shape, nodes)
@@ -89,9 +89,9 @@ def _only_selected(
     """What the selection asks for of settled nodes: some stages only, and to run again where it is forced."""
     stages = _stages(config, selection)
     chosen = {key: node for key, node in by_shape.items() if key[0] in stages}
-    kept = {(node.stage, node.address): node for node in chosen.values()}
+    kept = {(node.stage, node.recipe): node for node in chosen.values()}
     if selection.force:
-        forced = {(node.stage, node.address) for (_, shape, _), node in chosen.items() if shape in targets}
+        forced = {(node.stage, node.recipe) for (_, shape, _), node in chosen.items() if shape in targets}
         for node in (kept[key] for key in kept if key in forced):
             if node.state is State.CACHED:
                 node.state, node.forced = State.RUN, True
@@ -113,7 +113,7 @@ def _missing_above(node: Node, kept: ByAddress) -> str | None:
         if above.state is State.TRANSIENT:
             if missing := _missing_above(above, kept):
                 return missing
-        elif (above.stage, above.address) not in kept:
+        elif (above.stage, above.recipe) not in kept:
             return above.stage
     return None
 
@@ -166,12 +166,13 @@ class _Planner:
             if value is None and not item.optional:
                 return None
             inputs[item.name] = value
-        addresses = {argument: _address(value) for argument, value in inputs.items() if value is not None}
+        addresses = {argument: _recipe(value) for argument, value in inputs.items() if value is not None}
         address = self.makers[name]({**addresses, **self.fingerprints[name]})
         node = self.nodes.get((name, address))
         if node is None:
             shots = tuple(shot.name for shot in draw.shots) if key[2] is not None and draw else ()
-            node = self.nodes[name, address] = Node(name, shape.name, shape.category, address, inputs, shots=shots)
+            node = Node(name, shape.name, shape.category, address, address, inputs, shots=shots)
+            self.nodes[name, address] = node
             if shape.error and not all(item.per_shot for item in stage.inputs):
                 node.state, node.reason = State.BLOCKED, shape.error
         if key[2] is not None and key[2] not in node.draws:
@@ -200,8 +201,8 @@ class _Planner:
                     node.state, node.reason = State.BLOCKED, above.error
             elif above.state is State.BLOCKED:
                 node.state, node.reason = State.BLOCKED, above.reason
-            elif above.state is not State.CACHED and above.address in self.quarantined:
-                node.state, node.reason = State.BLOCKED, self.quarantined[above.address].error
+            elif above.state is not State.CACHED and above.recipe in self.quarantined:
+                node.state, node.reason = State.BLOCKED, self.quarantined[above.recipe].error
         if node.state is State.RUN and node.stage in self.config.file.store.transient:
             node.state = State.TRANSIENT
 
@@ -242,12 +243,12 @@ class _Planner:
         return self.leaves[key]
 
 
-def _address(value: Node | LeafNode | list[Node | LeafNode]) -> str | list[str]:
-    return [item.address for item in value] if isinstance(value, list) else value.address
+def _recipe(value: Node | LeafNode | list[Node | LeafNode]) -> str | list[str]:
+    return [item.recipe for item in value] if isinstance(value, list) else value.recipe
 
 
 def _broken(node: Node, quarantined: dict[str, Failure]) -> bool:
-    failure = quarantined.get(node.address)
+    failure = quarantined.get(node.recipe)
     return (failure is not None and failure.permanent) or any(
         isinstance(above, LeafNode) and above.error for above in node.upstream()
     )

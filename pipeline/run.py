@@ -8,40 +8,29 @@
 from __future__ import annotations
 
 import json
-import time
+import logging
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 
 from b23d.pipeline.address import canonical_json, sha256
+from b23d.pipeline.anchoring import absolute
 from b23d.pipeline.config import Config, feeding, load_config
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
-from b23d.pipeline.frontier import Frontier
-from b23d.pipeline.index import Failure, Index
+from b23d.pipeline.execution import Execution, Report
+from b23d.pipeline.index import Index
 from b23d.pipeline.members import SUFFIX
 from b23d.pipeline.plan import Node, Plan, State
 from b23d.pipeline.planning import make_plan
 from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
 from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.pipeline.store import Store
-from b23d.pipeline.tasks import Outcome, Task, make_task
+from b23d.pipeline.tasks import Outcome
 from b23d.schemas.artifact import Artifact
 
-
-@dataclass
-class Report:
-    """What an execution did."""
-
-    seconds: float = 0.0
-    done: list[Outcome] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    blocked: int = 0
-
-    @property
-    def ok(self) -> bool:
-        return not self.failures and not self.blocked
+log = logging.getLogger("b23d")
 
 
 class Run:
@@ -49,7 +38,8 @@ class Run:
 
     def __init__(self, config: Config, store: str | None = None) -> None:
         self.config = config
-        self.store = Store(store or config.file.store.root)
+        self.store = Store(absolute(store, Path.cwd()) if store else config.file.store.root)
+        self.store.check_format()
         self.folder = config.path.parent / config.file.name
 
     @classmethod
@@ -71,8 +61,7 @@ class Run:
     @cached_property
     def index(self) -> Index:
         """Beside a local store; below the run's folder for one in an object store."""
-        folder = Path(self.store.root) if self.store.local else self.folder
-        return Index(folder / "index.sqlite")
+        return Index(self._index_path(), write=False)
 
     def plan(self, selection: Selection = EVERYTHING) -> Plan:
         """What is there and what is missing; nothing is executed."""
@@ -89,38 +78,24 @@ class Run:
         """Do what is missing. Failed shapes are quarantined, the rest goes on.
 
         `workers=0`: in this process. `on_start` hears the plan and the executor's address, `watch` every outcome.
-        Raises PermissionError where the store cannot be written, ResourceError where no worker has what a stage needs.
+        Raises StoreError where the store cannot be written, ResourceError where no worker has what a stage needs.
         """
-        started = time.perf_counter()
-        self.store.check_writable()
+        self.open_to_write()
         self.store.sweep()
-        report, executor, whole = Report(), None, False
-        plan = self.plan(selection)
-        try:
-            while plan.to_run():
-                executor = executor or self._executor(workers, scheduler)
-                on_start(plan, executor.address)
-                failed = self._execute(plan, executor, report, watch)
-                # A shot that cannot be used is replaced by the next in rank: with its failure known, plan once more.
-                shots = {shot.name for draw in plan.draws for shot in draw.shots}
-                selection = replace(selection, force=False)
-                again = self.plan(selection)
-                if not shots & {failure.shape for failure in failed if failure.permanent}:
-                    plan = again
-                    break
-                plan = again
-            whole = True
-        finally:
-            if executor is not None:
-                executor.close(at_once=not whole)
-        known = {failure.address for failure in report.failures}
-        report.failures += [
-            problem for problem in plan.problems if problem.address not in known or problem.stage in ("source", "draw")
-        ]
-        report.blocked = plan_blocked(plan)
-        report.seconds = time.perf_counter() - started
+        plan, report = Execution(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))
         self._save(plan, report)
         return report
+
+    def open_to_write(self) -> None:
+        """Raises StoreError where the store cannot be written. Until it is called, nothing is."""
+        self.store.check_writable()
+        self.__dict__.pop("_plan", None)
+        if "index" in self.__dict__:
+            self.index.close()
+        self.index = Index(self._index_path(), write=True)
+
+    def _index_path(self) -> Path:
+        return (Path(self.store.root) if self.store.local else self.folder) / "index.sqlite"
 
     def artifact(self, shape: str, stage: str, draw: int | None = None) -> Artifact:
         """The artifact of (shape, stage), its arrays read when touched; of the first draw that has one, if none is
@@ -173,43 +148,9 @@ class Run:
             return InlineExecutor()
         return DaskExecutor(options, {name: stage.hints for name, stage in self.config.stages.items()})
 
-    def _execute(
-        self, plan: Plan, executor: Executor, report: Report, watch: Callable[[Plan, Outcome | None], None]
-    ) -> list[Failure]:
-        for node in plan.to_run():
-            if node.forced:
-                self.store.delete(node.stage, node.address)
-        frontier, failed = Frontier(plan), []
-
-        def next_task() -> Task | None:
-            node = frontier.pop()
-            return None if node is None else make_task(node, self.config.params, self.store.url)
-
-        for outcome in executor.run(next_task):
-            if outcome.failure is None:
-                self.index.record(
-                    outcome.stage,
-                    outcome.address,
-                    outcome.shape,
-                    outcome.seconds,
-                    outcome.stored_bytes,
-                    outcome.peak_mb,
-                )
-                frontier.done(outcome.stage, outcome.address)
-                report.done.append(outcome)
-            else:
-                self.index.quarantine(outcome.failure)
-                frontier.failed(outcome.stage, outcome.address)
-                failed.append(outcome.failure)
-                report.failures.append(outcome.failure)
-            watch(plan, outcome)
-        return failed
-
     def _save(self, plan: Plan, report: Report) -> None:
         """`manifest.json` in the run's folder: what this run is, what it reaches, what failed. Members of a series
         share a folder and have one each."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        self.index.note_run_file(self.config.path)
         manifest = {
             "run": self.name,
             "file": self.config.file.model_dump(mode="json"),
@@ -217,7 +158,7 @@ class Run:
             "store": self.store.url,
             "overrides": list(self.config.overrides),
             "addresses": {
-                stage: sorted({n.address for n in plan.nodes.values() if n.stage == stage}) for stage in plan.stages
+                stage: sorted(address for name, address in plan.reached() if name == stage) for stage in plan.stages
             },
             "draws": {f"{d.category}/{d.seed}": [shot.id for shot in d.shots] for d in plan.draws},
             "failures": [asdict(failure) for failure in report.failures],
@@ -227,10 +168,9 @@ class Run:
             if self.name.endswith(SUFFIX)
             else "manifest"
         )
-        (self.folder / f"{name}.json").write_text(json.dumps(manifest, indent=1))
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            (self.folder / f"{name}.json").write_text(json.dumps(manifest, indent=1))
+        except OSError as error:
+            log.warning("%s: expected room for %s.json, got %s; the artifacts are stored", self.folder, name, error)
         self.__dict__.pop("_plan", None)
-
-
-def plan_blocked(plan: Plan) -> int:
-    """Nodes that cannot run for what is known to be wrong above them."""
-    return sum(node.state is State.BLOCKED for node in plan.nodes.values())

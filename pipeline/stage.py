@@ -14,6 +14,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import entry_points
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -95,6 +96,17 @@ def load_stages() -> dict[str, Stage]:
     for plugin in entry_points(group="b23d.stages"):
         plugin.load()
     return STAGES
+
+
+@cache
+def load_stages_once() -> dict[str, Stage]:
+    """As `load_stages`, which asks the installed packages each time: a worker does so once."""
+    return load_stages()
+
+
+def default_outputs() -> list[str]:
+    """What a run wants that does not say: the lists of stages that the entry-point group `b23d.outputs` names."""
+    return [name for plugin in entry_points(group="b23d.outputs") for name in plugin.load()]
 
 
 def _input(stage_name: str, argument: str, annotation: Any) -> Input:

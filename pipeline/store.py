@@ -1,9 +1,9 @@
 """Store: artifacts as zarr v3 groups, published whole or not at all. The only module that imports zarr.
 
-Layout: `<stage>/<ab>/<rest of the address>/`, one zarr group an artifact. The group's `zarr.json` holds the JSON
-fields, a sha256 per array, the provenance and the arrays' metadata (consolidated). On a local disk the folder is
-written aside, read back, and renamed; in an object store `zarr.json` is written last. Either way its presence means:
-complete.
+Layout: `<stage>/<ab>/<rest of the address>/`, one zarr group an artifact. The group's `zarr.json`, its head, holds the
+JSON fields, a sha256 per array, the provenance and the arrays' metadata (see `pipeline/head.py`). On a local disk the
+folder is written aside, read back, and renamed; in an object store the head is written last. Either way its presence
+means: complete. Deleting is the same backwards: renamed aside, then removed; in an object store, the head first.
 
 zarr reads a missing chunk as zeros, silently; every read here checks the array's digest instead.
 """
@@ -11,123 +11,128 @@ zarr reads a missing chunk as zeros, silently; every read here checks the array'
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
+import errno
 import os
 import shutil
 import time
 import uuid
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import fsspec
 import numpy as np
-from fsspec.implementations.local import LocalFileSystem
 
-from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
-from b23d.pipeline.zarr_format import array_metadata, chunk_key, decode, encode, group_metadata
+from b23d.pipeline.encoding import array_digest, encode_artifact
+from b23d.pipeline.errors import (
+    ArtifactNotFoundError,
+    CorruptArtifactError,
+    NotAStoreError,
+    StoreError,
+    UnwritableStoreError,
+)
+from b23d.pipeline.filesystem import open_filesystem
+from b23d.pipeline.head import UNREADABLE, ArrayHead, Head, parse_head
+from b23d.pipeline.marker import FAN, REST, STAGE, check_format, looks_like_a_store, mark, names, store_format
+from b23d.pipeline.zarr_format import chunk_key, decode
 from b23d.schemas.artifact import Artifact
 
 A = TypeVar("A", bound=Artifact)
 
 HEAD = "zarr.json"
-WRITING = ".writing"  # artifacts on their way; what is old there was left by a killed process
-
-
-@dataclass(frozen=True)
-class ArrayHead:
-    """What is known of a stored array without reading it."""
-
-    shape: tuple[int, ...]
-    dtype: str
-    sharded: bool
-    sha256: str
-    stored_bytes: int
-
-
-@dataclass(frozen=True)
-class Head:
-    """What is known of an artifact without reading its arrays."""
-
-    schema: str
-    values: dict[str, Any]
-    arrays: dict[str, ArrayHead]
-    provenance: dict[str, Any]
-
-    @property
-    def stored_bytes(self) -> int:
-        return sum(array.stored_bytes for array in self.arrays.values())
+WRITING = ".writing"
+"""Artifacts on their way in or out; what is old there was left by a killed process."""
+GONE = "gone-"
+"""In WRITING: on its way out, of no use to anybody."""
+_ABSENT = (FileNotFoundError, NotADirectoryError)
+_NOT_AN_ARRAY = (ValueError, RuntimeError, TypeError, MemoryError, OverflowError, *_ABSENT, IsADirectoryError)
+_RIVAL = {errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR, errno.EISDIR}
 
 
 class Store:
-    """Artifacts by (stage, address), on any file system fsspec knows; `root` is a path or a URL."""
+    """Artifacts by (stage, address), on any file system fsspec knows; `root` is a path or a URL.
+
+    Every method raises StoreError where the store itself fails (no space, read-only, gone).
+    """
 
     def __init__(self, root: str | Path) -> None:
-        self.fs, self.root = fsspec.core.url_to_fs(str(root), auto_mkdir=True)
+        """Nothing is read or written yet. Raises MissingPackageError or ValueError where fsspec cannot open the URL."""
         self.url = str(root)
-        self.local = isinstance(self.fs, LocalFileSystem)
+        self.fs, self.root, self.local = open_filesystem(self.url)
+
+    def check_format(self) -> None:
+        """Raises NotAStoreError where a newer program has written this store."""
+        check_format(self.fs, self.root, self.url)
+
+    def check_is_store(self) -> None:
+        """Raises NotAStoreError where there is no store."""
+        self.check_format()
+        if store_format(self.fs, self.root) is None and not looks_like_a_store(self.fs, self.root, HEAD):
+            raise NotAStoreError(f"store: expected a store at {self.url}, got none; give one with --store")
 
     def check_writable(self) -> None:
-        """Raises PermissionError, with what to do, where nothing can be written."""
+        """Make the store ready for writing, its marker included. Raises UnwritableStoreError, with what to do, where
+        that cannot be."""
+        self.check_format()
         probe = f"{self.root}/{WRITING}/{uuid.uuid4().hex}"
         try:
             self.fs.makedirs(f"{self.root}/{WRITING}", exist_ok=True)
-            self.fs.pipe_file(probe, b"")
+            mark(self.fs, self.root)
+            self.fs.pipe_file(probe, b"b23d")
             self.fs.rm_file(probe)
-        except OSError as error:
-            got = f"{self.url} ({error})"
-            reason = f"store: expected a folder or URL that can be written, got {got}; give another with --store"
-            raise PermissionError(reason) from error
+        except Exception as error:  # object stores raise what they like
+            raise UnwritableStoreError(
+                f"store: expected a folder or URL that can be written, got {self.url} ({_text(error)}); "
+                "give another with --store"
+            ) from error
 
     def path(self, stage: str, address: str) -> str:
         return f"{self.root}/{stage}/{address[:2]}/{address[2:]}"
 
     def addresses(self, stage: str) -> set[str]:
-        """Addresses of all complete artifacts of a stage."""
+        """Addresses of all complete artifacts of a stage: those with a head."""
         if self.local:
-            return set(_scan(Path(self.root) / stage))
-        entries = [(fan, rest) for fan in self._names(stage) for rest in self._names(f"{stage}/{fan}")]
-        return {fan + rest for fan, rest in entries if self.fs.exists(f"{self.root}/{stage}/{fan}/{rest}/{HEAD}")}
+            return set(_scan(f"{self.root}/{stage}"))
+        try:
+            found = [path.split("/")[-3:] for path in self.fs.find(f"{self.root}/{stage}") if path.endswith(HEAD)]
+        except _ABSENT:
+            return set()
+        return {fan + rest for fan, rest, _ in found if FAN.fullmatch(fan) and REST.fullmatch(rest)}
 
     def stages(self) -> list[str]:
         """Stages that have artifacts."""
-        return sorted(
-            name for name in self._names("") if not name.startswith(".") and self.fs.isdir(f"{self.root}/{name}")
-        )
+        return [name for name in names(self.fs, self.root) if STAGE.fullmatch(name) and self._has_fans(name)]
 
     def has(self, stage: str, address: str) -> bool:
         return bool(self.fs.exists(f"{self.path(stage, address)}/{HEAD}"))
 
-    def write(self, stage: str, address: str, artifact: Artifact, provenance: dict[str, Any]) -> int:
-        """Publish an artifact, atomically; returns its stored bytes. Writing what is there already changes nothing.
+    def write(
+        self, stage: str, address: str, artifact: Artifact, provenance: dict[str, Any], key: str | None = None
+    ) -> tuple[int, str]:
+        """Publish an artifact, atomically; returns its stored bytes and its content's digest. Writing what is there
+        already changes nothing. `key`: see `pipeline/address.py`.
 
-        Raises CorruptArtifactError where what was written does not read back, OSError where it cannot be written.
+        Raises StoreError where it cannot be written, or does not read back.
         """
-        files, head = _encode(artifact, provenance)
+        files, head, content = encode_artifact(stage, address, key, artifact, provenance, HEAD)
         final = self.path(stage, address)
-        if self.local:
-            self._publish_local(Path(final), files, head)
-        else:
-            for name, data in files.items():
-                self.fs.pipe_file(f"{final}/{name}", data)
-            self.fs.pipe_file(f"{final}/{HEAD}", head)
-        return sum(map(len, files.values())) + len(head)
+        try:
+            if self.local:
+                self._publish_local(stage, address, files, head)
+            else:
+                for name, data in {**files, HEAD: head}.items():
+                    self.fs.pipe_file(f"{final}/{name}", data)
+        except Exception as error:
+            raise self._failed("room to write", error) from error
+        return sum(map(len, files.values())) + len(head), content
 
     def head(self, stage: str, address: str) -> Head:
-        """Raises ArtifactNotFoundError where there is none, CorruptArtifactError where it is not readable JSON."""
-        path = f"{self.path(stage, address)}/{HEAD}"
+        """Raises ArtifactNotFoundError where there is none, CorruptArtifactError where it is not what was written, or
+        another artifact's."""
+        data = self._get(stage, address, HEAD)
         try:
-            attributes = json.loads(self.fs.cat_file(path))["attributes"]
-            arrays = {name: ArrayHead(**{**a, "shape": tuple(a["shape"])}) for name, a in attributes["arrays"].items()}
-            return Head(attributes["schema"], attributes["values"], arrays, attributes["provenance"])
-        except FileNotFoundError as error:
-            raise ArtifactNotFoundError(
-                f"{stage}: expected an artifact at {address[:12]}, got nothing there; run it first"
-            ) from error
-        except (ValueError, KeyError, TypeError) as error:
-            raise CorruptArtifactError(_corrupt(stage, address, HEAD, error)) from error
+            return parse_head(data, stage, address)
+        except UNREADABLE as error:
+            raise _corrupt(stage, address, HEAD, error) from error
 
     def read(self, stage: str, address: str, schema: type[A]) -> A:
         """The artifact, each array read and checked against its digest when first touched."""
@@ -145,114 +150,150 @@ class Store:
         return self._array(stage, address, name, self.head(stage, address).arrays[name])
 
     def damage(self, stage: str, address: str) -> list[str]:
-        """What is wrong with an artifact, a line each; zarr itself reads it, and digests are compared."""
-        import zarr
+        """What is wrong with an artifact, a line each; zarr itself reads it, and digests are compared.
 
+        Raises StoreError where the store cannot be read just now: that says nothing about the artifact.
+        """
         try:
             head = self.head(stage, address)
-            path = self.path(stage, address)
-            group: Any = zarr.open_group(path if self.local else self.fs.unstrip_protocol(path), mode="r")
-        except (OSError, ValueError) as error:
+        except (ArtifactNotFoundError, CorruptArtifactError) as error:
             return [str(error)]
-        lines = []
-        for name, array in head.arrays.items():
-            try:
-                if not self.fs.exists(f"{self.path(stage, address)}/{name}/{chunk_key(array.shape)}"):
-                    lines.append(f"{name}: expected its chunk, got none")
-                elif _digest(np.asarray(group[name][...])) != array.sha256:
-                    lines.append(f"{name}: expected sha256 {array.sha256[:12]}, got other bytes")
-            except Exception as error:  # zarr and its codecs raise their own kinds for damaged bytes
-                lines.append(f"{name}: {type(error).__name__}: {error}")
-        return lines
+        found = [line for name, array in head.arrays.items() for line in self._array_damage(stage, address, name, head)]
+        return found
 
     def delete(self, stage: str, address: str) -> None:
-        """Remove an artifact; its head first, so that it is never half there."""
+        """Remove an artifact, so that it is never half there. What is not there is removed already."""
         path = self.path(stage, address)
-        with contextlib.suppress(FileNotFoundError):
-            self.fs.rm_file(f"{path}/{HEAD}")
-            self.fs.rm(path, recursive=True)
+        try:
+            if self.local:
+                self._set_aside(Path(path))
+            else:
+                with contextlib.suppress(*_ABSENT):
+                    self.fs.rm_file(f"{path}/{HEAD}")
+                    self.fs.rm(path, recursive=True)
+        except Exception as error:
+            raise self._failed("to remove an artifact", error) from error
 
     def sweep(self, older_than: float = 3600.0) -> None:
-        """Remove what killed processes left half written, when older than some seconds."""
-        if self.local:
-            for path in Path(self.root, WRITING).glob("*"):
-                if time.time() - path.stat().st_mtime > older_than:
-                    shutil.rmtree(path, ignore_errors=True)
+        """Remove what killed processes left: half written, when older than some seconds; half removed, at once."""
+        if not self.local:
+            return
+        for path in Path(self.root, WRITING).glob("*"):
+            with contextlib.suppress(OSError):
+                if path.name.startswith(GONE) or time.time() - path.stat().st_mtime > older_than:
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
 
-    def _names(self, folder: str) -> list[str]:
-        path = f"{self.root}/{folder}".rstrip("/")
-        try:
-            return [str(child).rstrip("/").rsplit("/", 1)[-1] for child in self.fs.ls(path, detail=False)]
-        except FileNotFoundError:
-            return []
+    def _has_fans(self, stage: str) -> bool:
+        return any(FAN.fullmatch(name) for name in names(self.fs, f"{self.root}/{stage}"))
 
-    def _publish_local(self, final: Path, files: dict[str, bytes], head: bytes) -> None:
-        aside = Path(self.root, WRITING, uuid.uuid4().hex)
+    def _publish_local(self, stage: str, address: str, files: dict[str, bytes], head: bytes) -> None:
+        final, aside = Path(self.path(stage, address)), Path(self.root, WRITING, uuid.uuid4().hex)
         try:
             for name, data in {**files, HEAD: head}.items():
                 path = aside / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(data)
                 if path.read_bytes() != data:
-                    raise CorruptArtifactError(f"{final}: {name} did not read back as written; check the disk")
+                    raise OSError(errno.EIO, f"{name} did not read back as written; check the disk", str(final))
             final.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                aside.rename(final)
-            except OSError:
-                if not (final / HEAD).exists():  # not a rival's complete copy, but something broken: replace it
-                    shutil.rmtree(final, ignore_errors=True)
+            for _ in range(3):
+                try:
                     aside.rename(final)
+                    return
+                except OSError as error:
+                    if error.errno not in _RIVAL:
+                        raise
+                with contextlib.suppress(ArtifactNotFoundError, CorruptArtifactError):
+                    self.head(stage, address)
+                    return  # a rival was faster
+                self._set_aside(final)  # something broken: replace it
+            raise OSError(errno.EEXIST, "something that is no artifact comes back again and again", str(final))
         finally:
             shutil.rmtree(aside, ignore_errors=True)
 
-    def _array(self, stage: str, address: str, name: str, head: ArrayHead) -> np.ndarray:
-        path = f"{self.path(stage, address)}/{name}/{chunk_key(head.shape)}"
+    def _set_aside(self, path: Path) -> None:
+        """Out of the way in one step, then removed."""
+        aside = Path(self.root, WRITING, GONE + uuid.uuid4().hex)
+        aside.parent.mkdir(parents=True, exist_ok=True)
         try:
-            value = decode(self.fs.cat_file(path), head.shape, head.dtype, head.sharded)
-        except (ValueError, RuntimeError, FileNotFoundError) as error:
-            raise CorruptArtifactError(_corrupt(stage, address, name, error)) from error
-        if _digest(value) != head.sha256:
-            raise CorruptArtifactError(_corrupt(stage, address, name, "the sha256 differs"))
+            path.rename(aside)
+        except _ABSENT:
+            return
+        if aside.is_dir():
+            shutil.rmtree(aside, ignore_errors=True)
+        else:
+            aside.unlink(missing_ok=True)
+
+    def _get(self, stage: str, address: str, name: str) -> bytes:
+        try:
+            return bytes(self.fs.cat_file(f"{self.path(stage, address)}/{name}"))
+        except _ABSENT as error:
+            found = ArtifactNotFoundError(
+                f"{stage}: expected an artifact at {address[:12]}, got nothing there in store {self.url}; run it first"
+            )
+            found.artifact = (stage, address)
+            raise found from error
+        except IsADirectoryError as error:
+            raise _corrupt(stage, address, name, error) from error
+        except Exception as error:
+            raise self._failed(f"to read {stage} {address[:12]}/{name}", error) from error
+
+    def _array(self, stage: str, address: str, name: str, head: ArrayHead) -> np.ndarray:
+        try:
+            data = self._get(stage, address, f"{name}/{chunk_key(head.shape)}")
+            value = decode(data, head.shape, head.dtype, head.sharded)
+        except _NOT_AN_ARRAY as error:
+            raise _corrupt(stage, address, name, error) from error
+        if array_digest(value) != head.sha256:
+            raise _corrupt(stage, address, name, "the sha256 differs")
         return value
 
+    def _array_damage(self, stage: str, address: str, name: str, head: Head) -> Iterator[str]:
+        import json
 
-def _encode(artifact: Artifact, provenance: dict[str, Any]) -> tuple[dict[str, bytes], bytes]:
-    files, arrays, metadata = {}, {}, {}
-    specs = artifact.array_specs()
-    for name, value in artifact.present_arrays().items():
-        value = np.ascontiguousarray(value)
-        sharded = specs[name].sharded and value.size > 0
-        data = encode(value, sharded)
-        metadata[name] = array_metadata(value.shape, value.dtype, sharded)
-        files[f"{name}/{chunk_key(value.shape)}"] = data
-        files[f"{name}/{HEAD}"] = json.dumps(metadata[name]).encode()
-        arrays[name] = {
-            "shape": value.shape,
-            "dtype": value.dtype.name,
-            "sharded": sharded,
-            "sha256": _digest(value),
-            "stored_bytes": len(data),
-        }
-    attributes = {
-        "schema": type(artifact).__name__,
-        "values": artifact.plain_fields(),
-        "arrays": arrays,
-        "provenance": provenance,
-    }
-    return files, json.dumps(group_metadata(attributes, metadata)).encode()
+        import zarr
 
+        array, path = head.arrays[name], self.path(stage, address)
+        try:
+            if self._get(stage, address, f"{name}/{HEAD}") != json.dumps((head.metadata or {})[name]).encode():
+                yield f"{name}/{HEAD}: expected what the head says, got other bytes"
+            self._get(stage, address, f"{name}/{chunk_key(array.shape)}")  # zarr would read zeros where it is missing
+            group: Any = zarr.open_group(path if self.local else self.fs.unstrip_protocol(path), mode="r")
+            if array_digest(np.asarray(group[name][...])) != array.sha256:
+                yield f"{name}: expected sha256 {array.sha256[:12]}, got other bytes"
+        except StoreError:
+            raise
+        except ArtifactNotFoundError:
+            yield f"{name}: expected its chunk and its {HEAD}, got none"
+        except Exception as error:  # zarr and its codecs raise their own kinds for damaged bytes
+            yield f"{name}: {type(error).__name__}: {error}"
 
-def _digest(array: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data).hexdigest()
+    def _failed(self, wanted: str, error: Exception) -> StoreError:
+        if isinstance(error, StoreError):
+            return error
+        return StoreError(
+            f"store {self.url}: expected {wanted}, got {_text(error)}; mend that, or give another with --store"
+        )
 
 
-def _scan(stage: Path) -> Iterator[str]:
-    with contextlib.suppress(FileNotFoundError), os.scandir(stage) as fans:
+def _scan(stage: str) -> Iterator[str]:
+    with contextlib.suppress(*_ABSENT), os.scandir(stage) as fans:
         for fan in fans:
-            with os.scandir(fan.path) as entries:
-                yield from (fan.name + entry.name for entry in entries)
+            if FAN.fullmatch(fan.name):
+                with contextlib.suppress(*_ABSENT), os.scandir(fan.path) as entries:
+                    for entry in entries:
+                        if REST.fullmatch(entry.name) and os.path.exists(f"{entry.path}/{HEAD}"):  # noqa: PTH110, speed
+                            yield fan.name + entry.name
 
 
-def _corrupt(stage: str, address: str, name: str, reason: object) -> str:
-    where = f"{stage} {address[:12]}/{name}"
-    return f"{where}: expected the bytes that were written, got damaged ones ({reason}); run `b23d verify`"
+def _corrupt(stage: str, address: str, name: str, reason: object) -> CorruptArtifactError:
+    error = CorruptArtifactError(
+        f"{stage} {address[:12]}/{name}: expected the bytes that were written, got damaged ones ({reason}); "
+        "run `b23d verify`"
+    )
+    error.artifact = (stage, address)
+    return error
+
+
+def _text(error: Exception) -> str:
+    return str(error) or type(error).__name__

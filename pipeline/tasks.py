@@ -4,25 +4,22 @@ store."""
 from __future__ import annotations
 
 import contextlib
-import os
-import platform
 import resource
-import subprocess
 import time
 import traceback
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from b23d.pipeline.dataset import Leaf
-from b23d.pipeline.errors import naming
+from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
 from b23d.pipeline.index import Failure
 from b23d.pipeline.plan import LeafNode, Node, State
-from b23d.pipeline.stage import Stage, load_stages
+from b23d.pipeline.provenance import provenance
+from b23d.pipeline.stage import load_stages_once
 from b23d.pipeline.store import Store
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params
@@ -34,6 +31,8 @@ class Stored:
 
     stage: str
     address: str
+    recipe: str
+    """What stands for it in addresses."""
     keep: bool = False
     """Keep it in the worker's memory: shots are read again for every target."""
 
@@ -59,11 +58,13 @@ class Task:
     params: Params
     inputs: dict[str, Stored | Loaded | Task | list[Stored | Loaded | Task]]
     store: str
+    key: str | None = None
+    """Digest of what it is made of, where that is known before."""
 
     def input_addresses(self) -> dict[str, str | list[str]]:
         """Argument → address, as it entered this task's address."""
         return {
-            name: [i.address for i in item] if isinstance(item, list) else item.address
+            name: [_recipe(i) for i in item] if isinstance(item, list) else _recipe(item)
             for name, item in self.inputs.items()
         }
 
@@ -87,6 +88,9 @@ class Outcome:
     """Seconds of everything else a worker did: reading, checking, writing."""
     stored_bytes: int = 0
     peak_mb: float = 0.0
+    content: str = ""
+    """Digest of what was made, and of what it was made of: see `pipeline/address.py`."""
+    key: str | None = None
     failure: Failure | None = None
 
 
@@ -98,7 +102,7 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
             return Loaded(item.leaf, item.address)
         if item.state is State.TRANSIENT:
             return make_task(item, params, store)
-        return Stored(item.stage, item.address, keep)
+        return Stored(item.stage, item.address, item.recipe, keep)
 
     inputs: dict[str, Stored | Loaded | Task | list[Stored | Loaded | Task]] = {}
     for argument, value in node.inputs.items():
@@ -108,7 +112,7 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
             inputs[argument] = source(value, keep=False)
     draws = tuple(node.draws)
     return Task(
-        node.stage, node.address, node.shape, node.category, draws, node.shots, params[node.stage], inputs, store
+        node.stage, node.recipe, node.shape, node.category, draws, node.shots, params[node.stage], inputs, store
     )
 
 
@@ -120,9 +124,12 @@ def run_task(task: Task) -> Outcome:
     try:
         _reset_peak()
         artifact = _compute(task, store, clock, {})
-        stored = store.write(task.stage, task.address, artifact, _provenance(task, clock.seconds))
+        made = provenance(task, clock.seconds, peak_mb())
+        stored, content = store.write(task.stage, task.address, artifact, made, task.key)
         overhead = time.perf_counter() - started - clock.seconds
-        return Outcome(task.stage, task.address, task.shape, clock.seconds, overhead, stored, peak_mb())
+        return Outcome(
+            task.stage, task.address, task.shape, clock.seconds, overhead, stored, peak_mb(), content, task.key
+        )
     except Exception as error:
         failure = failure_of(task, error)
         return Outcome(task.stage, task.address, task.shape, clock.seconds, peak_mb=peak_mb(), failure=failure)
@@ -131,7 +138,30 @@ def run_task(task: Task) -> Outcome:
 def failure_of(task: Task, error: BaseException) -> Failure:
     permanent = not isinstance(error, MemoryError | OSError) or isinstance(error, FileNotFoundError)
     text = f"{type(error).__name__}: {naming(task.shape, str(error))}"
-    return Failure(task.stage, task.shape, task.address, text, permanent, "".join(traceback.format_exception(error)))
+    told, damaged = "".join(traceback.format_exception(error)), _damaged(error)
+    return Failure(
+        task.stage,
+        task.shape,
+        task.address,
+        text,
+        permanent and damaged is None,
+        told,
+        isinstance(error, StoreError),
+        damaged,
+    )
+
+
+def _damaged(error: BaseException | None) -> tuple[str, str] | None:
+    """The stored input that an error is about, if it is about one."""
+    while error is not None:
+        if isinstance(error, ArtifactNotFoundError | CorruptArtifactError) and error.artifact:
+            return error.artifact
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def _recipe(item: Stored | Loaded | Task) -> str:
+    return item.recipe if isinstance(item, Stored) else item.address
 
 
 class _Clock:
@@ -143,7 +173,7 @@ class _Clock:
 def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact]) -> Artifact:
     """Run the stage's function on its inputs. `made` holds what ran inline for this task, so that nothing runs
     twice."""
-    stage = _stages()[task.stage]
+    stage = load_stages_once()[task.stage]
 
     def load(name: str, item: Stored | Loaded | Task) -> Artifact:
         if isinstance(item, Stored):
@@ -194,80 +224,6 @@ def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
 @cache
 def _store(url: str) -> Store:
     return Store(url)
-
-
-@cache
-def _stages() -> dict[str, Stage]:
-    return load_stages()
-
-
-def _provenance(task: Task, seconds: float) -> dict[str, Any]:
-    stage = _stages()[task.stage]
-    return {
-        "stage": task.stage,
-        "version": stage.version,
-        "address": task.address,
-        "shape": task.shape,
-        "draws": list(task.draws),
-        "shots": list(task.shots),
-        "params": task.params.hashed(),
-        "inputs": task.input_addresses(),
-        "inline": {inner.address: _recipe(inner) for inner in task.nested()},
-        "seconds": round(seconds, 4),
-        "peak_mb": round(peak_mb(), 1),
-        "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "device": _device(),
-        "code": _commit(),
-        "versions": _versions(),
-    }
-
-
-def _recipe(task: Task) -> dict[str, Any]:
-    """What a transient task was made from: it has no provenance of its own."""
-    version = _stages()[task.stage].version
-    return {"stage": task.stage, "version": version, "params": task.params.hashed(), "inputs": task.input_addresses()}
-
-
-@cache
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for name in (
-        "b23d",
-        "numpy",
-        "scipy",
-        "torch",
-        "transformers",
-        "trimesh",
-        "embreex",
-        "pyrender",
-        "potpourri3d",
-        "zarr",
-        "dask",
-    ):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-@cache
-def _commit() -> str | None:
-    """The code's git commit, where it runs from a checkout; `+` when the checkout has changes."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=12", "--dirty=+"]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip() or None
-    except (OSError, subprocess.SubprocessError):
-        return None
-
-
-def _device() -> str:
-    import sys
-
-    torch = sys.modules.get("torch")  # a stage that used it has imported it
-    if torch is not None and torch.cuda.is_available():
-        return str(torch.cuda.get_device_name())
-    return f"{platform.machine()}, {os.cpu_count()} cores"
 
 
 def _reset_peak() -> None:

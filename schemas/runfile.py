@@ -25,8 +25,8 @@ class Shots(Params):
 
 
 class StoreOptions(Params):
-    root: str = "runs/.store"
-    """Folder (relative to the current folder) or fsspec URL."""
+    root: str = ".store"
+    """Folder (relative to the run file that says so; given with --set, to the current folder) or fsspec URL."""
     transient: list[str] = []
     """Stages that are never stored; their consumers run them inline."""
 
@@ -76,8 +76,8 @@ class RunFile(Params):
     """Stage → its Params; what is absent takes its default."""
     feeds: dict[str, str] = {}
     """Argument → the stage that feeds it instead of its namesake: `backproject = "describe"`, `optimize = "detect"`."""
-    outputs: list[str] = ["reweight", "optimize", "score"]
-    """Stages wanted for every shape; what they need comes along."""
+    outputs: list[str]
+    """Stages wanted for every shape; what they need comes along. Left out: those that the installed stages propose."""
     sweep: dict[str, list[Any]] = {}
     """For `b23d sweep`: dotted field → the values it takes in turn."""
     variants: dict[str, dict[str, Any]] = {}

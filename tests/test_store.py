@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError
 from b23d.pipeline.store import Store
 from b23d.pipeline.zarr_format import decode, encode
 from tests.toy import Numbers
@@ -35,14 +35,14 @@ def numbers(n: int = 5) -> Numbers:
 
 def test_what_is_written_is_read(store: Store) -> None:
     assert not store.has("square", ADDRESS) and store.addresses("square") == set()
-    size = store.write("square", ADDRESS, numbers(), {"seconds": 1})
+    size, content = store.write("square", ADDRESS, numbers(), {"seconds": 1})
     found = store.read("square", ADDRESS, Numbers)
     assert store.has("square", ADDRESS) and store.addresses("square") == {ADDRESS} and store.stages() == ["square"]
     assert found.note == "σ" and found.grid is not None
     np.testing.assert_array_equal(found.values, numbers().values)
     np.testing.assert_array_equal(found.grid, numbers().grid)
     head = store.head("square", ADDRESS)
-    assert head.provenance == {"seconds": 1} and 0 < head.stored_bytes < size
+    assert head.provenance == {"seconds": 1} and 0 < head.stored_bytes < size and head.content == content
 
 
 def test_absent_optional_arrays_stay_absent(store: Store) -> None:
@@ -154,7 +154,7 @@ def test_delete(store: Store) -> None:
 
 def test_a_store_that_cannot_be_written_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(PermissionError, match="store: expected a folder"):
+    with pytest.raises(StoreError, match="store: expected a folder"):
         Store(tmp_path / "file" / "store").check_writable()
 
 

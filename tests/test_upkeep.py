@@ -11,7 +11,7 @@ from b23d.pipeline.config import load_config
 from b23d.pipeline.explain import explain
 from b23d.pipeline.members import members
 from b23d.pipeline.run import Run
-from b23d.pipeline.upkeep import garbage, reached, verify
+from b23d.pipeline.upkeep import garbage, known_run_files, reached, verify
 from tests.toy import make_toy
 
 
@@ -66,7 +66,8 @@ def test_gc_drops_only_what_no_run_file_reaches(tmp_path: Path) -> None:
     run = Run.load(path)
     run.execute(workers=0)
     wanted = set(run.plan().nodes)
-    lost = garbage(run.store, reached(run.index.run_files(), run.store))
+    assert garbage(run.store, reached(known_run_files(run.store), run.store)) == [], "what was run with --set counts"
+    lost = garbage(run.store, reached(known_run_files(run.store), run.store, as_written=True))
     assert len(lost) == 20 and not {(item.stage, item.address) for item in lost} & wanted
     assert [item.stored_bytes for item in lost] == sorted((item.stored_bytes for item in lost), reverse=True)
     for item in lost:
@@ -84,7 +85,7 @@ def test_gc_keeps_what_the_members_of_a_sweep_reach(tmp_path: Path) -> None:
     make_toy(tmp_path, extra='[sweep]\n"stages.square.power" = [3]\n')
     assert garbage(run.store, reached([path], run.store)) == []  # still in the manifests of the sweep as executed
     shutil.rmtree(tmp_path / "toy.sweep")
-    lost = garbage(run.store, reached([path], run.store))
+    lost = garbage(run.store, reached([path], run.store, as_written=True))
     dropped = Run.load(path, ["stages.square.power=4"]).plan().nodes
     assert lost and {(item.stage, item.address) for item in lost} <= set(dropped)
 

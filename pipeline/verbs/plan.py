@@ -62,6 +62,7 @@ def plan(
             table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
         console.print(table)
         console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
+        console.print(f"[dim]store: {escape(loaded.store.url)}[/]", highlight=False, soft_wrap=True)
         for problem in planned.problems[:SHOWN]:
             console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
         if len(planned.problems) > SHOWN:

@@ -15,17 +15,29 @@ def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
     from b23d.pipeline.run import Run
     from b23d.pipeline.upkeep import verify as find_damage
 
-    loaded, count = Run.load(run, set, store), 0
+    loaded, count, kept = Run.load(run, set, store), 0, 0
     with console.status("checking") as status:
         for damage in find_damage(loaded, lambda done, total: status.update(f"checking {done}/{total}")):
             count += 1
+            kept += not damage.removed
             console.print(
-                f"[red]✗[/] {damage.stage} of {', '.join(damage.shapes)}: {escape('; '.join(damage.problems))}",
+                f"[red]✗[/] {damage.stage} of {escape(', '.join(damage.shapes))}: {escape('; '.join(damage.problems))}"
+                f"{'' if damage.removed else ' (could not be removed)'}",
                 highlight=False,
+                soft_wrap=True,
             )
     if count:
         console.print(
-            f"{count} damaged artifacts removed; `b23d run {run}` makes them again", highlight=False, markup=False
+            f"{count - kept} damaged artifacts removed; `b23d run {run}` makes them again"
+            + (f"; {kept} could not be read or removed just now" if kept else ""),
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
         )
         raise typer.Exit(1)
-    console.print("every artifact is what was written")
+    console.print(
+        f"every artifact is what was written, in store {loaded.store.url}",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )

@@ -49,9 +49,9 @@ def costs(run: Run, plan: Plan) -> list[dict[str, Any]]:
     transient = set(run.config.file.store.transient)
     addresses: dict[str, set[str]] = defaultdict(set)
     counts: dict[str, Counter[State]] = plan.count()
-    for (stage, address), node in plan.nodes.items():
+    for node in plan.nodes.values():
         if node.state is State.CACHED:
-            addresses[stage].add(address)
+            addresses[node.stage].add(node.address)
     return [_cost(run, stage, addresses[stage], counts[stage], stage in transient) for stage in plan.stages]
 
 

@@ -1,0 +1,177 @@
+"""Execution: what a plan still wants, done, until nothing is left that can be done.
+
+A shape that fails is quarantined and the rest goes on. A shot that cannot be used is replaced by the next in rank, what
+failed once and now succeeds frees what was blocked behind it, and a damaged input is set aside to be made again: each
+time the plan is made anew. Only a store that fails stops everything: that would happen to every shape in turn.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from b23d.pipeline.errors import StoreError
+from b23d.pipeline.frontier import Frontier
+from b23d.pipeline.index import Failure, Given
+from b23d.pipeline.marker import store_format
+from b23d.pipeline.plan import Node, Plan, State
+from b23d.pipeline.roots import lease, note_root
+from b23d.pipeline.scheduler import Executor
+from b23d.pipeline.selection import EVERYTHING, Selection
+from b23d.pipeline.tasks import Outcome, Task, make_task
+
+if TYPE_CHECKING:
+    from b23d.pipeline.run import Run
+
+Key = tuple[str, str]
+log = logging.getLogger("b23d")
+
+
+@dataclass
+class Report:
+    """What an execution did."""
+
+    seconds: float = 0.0
+    done: list[Outcome] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    blocked: int = 0
+    """Tasks that could not be tried, for what failed above them."""
+
+    @property
+    def ok(self) -> bool:
+        return not self.failures and not self.blocked
+
+
+class Execution:
+    """One execution of a run. `watch` hears every outcome, `on_start` each plan and the executor's address."""
+
+    def __init__(
+        self,
+        run: Run,
+        selection: Selection,
+        watch: Callable[[Plan, Outcome | None], None],
+        on_start: Callable[[Plan, str], None],
+    ) -> None:
+        self.run, self.selection, self.watch, self.on_start = run, selection, watch, on_start
+        self.report = Report()
+        self._tried: set[Key] = set()
+        """What has failed in this execution: not tried again in it."""
+        self._healed: dict[Key, int] = {}
+        """What was damaged and is made again → in which round."""
+        self._round = 0
+        self._whole = False
+
+    def go(self, make_executor: Callable[[], Executor]) -> tuple[Plan, Report]:
+        """Raises StoreError where the store fails; what is finished is stored."""
+        started, executor = time.perf_counter(), None
+        plan = self.run.plan(self.selection)
+        with ExitStack() as stack:
+            stack.enter_context(lease(self.run.store, self._note(plan)))
+            while self._left(plan):
+                if executor is None:
+                    executor = make_executor()
+                    stack.callback(self._close, executor)
+                self.on_start(plan, executor.address)
+                self._round += 1
+                before = len(self.report.done) + len(self._tried) + len(self._healed)
+                self._do(plan, executor)
+                self.selection = replace(self.selection, force=False)
+                again = self.run.plan(self.selection)
+                if again.nodes.keys() != plan.nodes.keys():
+                    self._note(again)
+                plan = again
+                if before == len(self.report.done) + len(self._tried) + len(self._healed):
+                    break  # what is left waits for what has failed
+            self._whole = True
+        known = {failure.address for failure in self.report.failures}
+        self.report.failures += [
+            problem for problem in plan.problems if problem.address not in known or problem.stage in ("source", "draw")
+        ]
+        blocked = sum(node.state is State.BLOCKED for node in plan.nodes.values())
+        self.report.blocked = blocked + len(self._left(plan))
+        self.report.seconds = time.perf_counter() - started
+        return plan, self.report
+
+    def _close(self, executor: Executor) -> None:
+        executor.close(at_once=not self._whole)
+
+    def _left(self, plan: Plan) -> list[Node]:
+        return [node for node in plan.to_run() if (node.stage, node.recipe) not in self._tried]
+
+    def _note(self, plan: Plan) -> str:
+        """Before the first task, so that `gc` keeps what it makes: all that the run reaches, targets left out by
+        the selection too."""
+        reached: dict[str, set[str]] = {stage: set() for stage in self.run.config.stages}
+        for stage, address in plan.reached() | (self.run.plan().reached() if self.selection != EVERYTHING else set()):
+            reached[stage].add(address)
+        config = self.run.config
+        addresses = {stage: sorted(made) for stage, made in reached.items()}
+        return note_root(self.run.store, config.path, config.overrides, addresses)
+
+    def _do(self, plan: Plan, executor: Executor) -> None:
+        for node in plan.to_run():
+            if node.forced:
+                self.run.store.delete(node.stage, node.address)
+        frontier = Frontier(plan)
+        for stage, recipe in self._tried:
+            frontier.failed(stage, recipe)
+        tasks = self._tasks(plan, frontier)
+        for outcome in executor.run(lambda: next(tasks, None)):
+            if outcome.failure is None:
+                self._done(outcome)
+                frontier.done(outcome.stage, outcome.address)
+            else:
+                frontier.failed(outcome.stage, outcome.address)
+                if self._heal(outcome.failure):
+                    continue
+                self._failed(outcome.failure)
+            self.watch(plan, outcome)
+
+    def _tasks(self, plan: Plan, frontier: Frontier) -> Iterator[Task | None]:
+        """Ready tasks; None where none is ready just now."""
+        while True:
+            node = frontier.pop()
+            while node is not None and (node.stage, node.recipe) in self._tried:
+                node = frontier.pop()
+            yield None if node is None else make_task(node, self.run.config.params, self.run.store.url)
+
+    def _done(self, outcome: Outcome) -> None:
+        self.report.done.append(outcome)
+        self.run.index.record(
+            outcome.stage,
+            outcome.address,
+            outcome.shape,
+            outcome.seconds,
+            outcome.stored_bytes,
+            outcome.peak_mb,
+            Given(outcome.content, outcome.key),
+        )
+
+    def _failed(self, failure: Failure) -> None:
+        if failure.store:
+            error = failure.error.partition(": ")[2]
+            raise StoreError(
+                f"{error}; stopped with {len(self.report.done)} tasks stored, run again to go on where it was"
+            )
+        self._tried.add((failure.stage, failure.address))
+        self.report.failures.append(failure)
+        self.run.index.quarantine(failure)
+
+    def _heal(self, failure: Failure) -> bool:
+        """Set a damaged input aside, once, so that the next round makes it again."""
+        if failure.damaged is None or self._healed.get(failure.damaged, self._round) != self._round:
+            return False
+        store = self.run.store
+        if store_format(store.fs, store.root) is None:
+            raise StoreError(f"store: expected {store.url} to stay where it was, got nothing there; bring it back")
+        if failure.damaged not in self._healed:
+            stage, address = failure.damaged
+            log.warning("%s %s: damaged, and made again (%s)", stage, address[:12], failure.error)
+            store.delete(stage, address)
+            self.run.index.forget([address])
+        self._healed[failure.damaged] = self._round
+        return True
