@@ -27,7 +27,6 @@ from b23d.pipeline.tasks import Outcome, Task, make_task
 if TYPE_CHECKING:
     from b23d.pipeline.run import Run
 
-Key = tuple[str, str]
 log = logging.getLogger("b23d")
 
 
@@ -46,7 +45,7 @@ class Report:
         return not self.failures and not self.blocked
 
 
-class Execution:
+class RunLoop:
     """One execution of a run. `watch` hears every outcome, `on_start` each plan and the executor's address."""
 
     def __init__(
@@ -58,9 +57,9 @@ class Execution:
     ) -> None:
         self.run, self.selection, self.watch, self.on_start = run, selection, watch, on_start
         self.report = Report()
-        self._tried: set[Key] = set()
+        self._tried: set[tuple[str, str]] = set()
         """What has failed in this execution: not tried again in it."""
-        self._healed: dict[Key, int] = {}
+        self._healed: dict[tuple[str, str], int] = {}
         """What was damaged and is made again → in which round."""
         self._round = 0
         self._whole = False

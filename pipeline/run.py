@@ -19,7 +19,7 @@ from b23d.pipeline.anchoring import absolute
 from b23d.pipeline.config import Config, feeding, load_config
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
-from b23d.pipeline.execution import Execution, Report
+from b23d.pipeline.execution import Report, RunLoop
 from b23d.pipeline.index import Index
 from b23d.pipeline.members import SUFFIX
 from b23d.pipeline.plan import Node, Plan, State
@@ -82,7 +82,7 @@ class Run:
         """
         self.open_to_write()
         self.store.sweep()
-        plan, report = Execution(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))
+        plan, report = RunLoop(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))
         self._save(plan, report)
         return report
 

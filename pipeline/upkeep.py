@@ -22,8 +22,6 @@ from b23d.pipeline.roots import roots
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import Store
 
-Key = tuple[str, str]
-
 
 @dataclass(frozen=True)
 class Damage:
@@ -48,7 +46,7 @@ def verify(run: Run, watch: Callable[[int, int], None] = lambda done, total: Non
     run.store.check_is_store()
     run.open_to_write()
     plan = run.plan()
-    shapes: dict[Key, set[str]] = {}
+    shapes: dict[tuple[str, str], set[str]] = {}
     for (stage, shape, _), node in plan.by_shape.items():
         shapes.setdefault((stage, node.address), set()).add(shape)
     cached = list({(n.stage, n.address): n for n in plan.nodes.values() if n.state is State.CACHED})
@@ -86,14 +84,14 @@ def known_run_files(store: Store) -> list[Path]:
 
 def reached(
     run_files: Iterable[Path], store: Store, besides: Iterable[Path] = (), as_written: bool = False
-) -> set[Key]:
+) -> set[tuple[str, str]]:
     """(stage, address) of everything that run files over this store reach, and all that is leased.
 
     Raises what reading a run file raises: a run file that cannot be read must not lose its artifacts. A member whose
     weights cannot be had just now keeps what was last begun with it. `besides`: run files that have never used the
     store; they count if they can.
     """
-    found: set[Key] = set()
+    found: set[tuple[str, str]] = set()
     for path in run_files:
         found |= _reached(path, store, as_written)
     for path in besides:
@@ -105,7 +103,7 @@ def reached(
     return found
 
 
-def _reached(path: Path, store: Store, as_written: bool) -> set[Key]:
+def _reached(path: Path, store: Store, as_written: bool) -> set[tuple[str, str]]:
     run, found = Run(load_config(path), _url(store)), set()
     if Store(run.config.file.store.root).root == store.root or any(root.run_file == path for root in roots(store)):
         found |= run.plan().reached()
@@ -123,7 +121,7 @@ def _reached(path: Path, store: Store, as_written: bool) -> set[Key]:
     return found
 
 
-def garbage(store: Store, keep: set[Key]) -> list[Garbage]:
+def garbage(store: Store, keep: set[tuple[str, str]]) -> list[Garbage]:
     """What `keep` does not name, largest first. Only artifacts count: whatever else lies in the folder is not ours."""
     lost = [
         Garbage(stage, address, _size(store, stage, address))
