@@ -7,6 +7,7 @@ Every stage is wanted except the transient ones, which are computed inside the t
 
 from __future__ import annotations
 
+import html
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -80,6 +81,20 @@ class Plan:
     draws: list[Draw]
     problems: list[Failure]
     """What is wrong already: unusable shapes, classes with too few shots."""
+
+    def __repr__(self) -> str:
+        return f"<plan: {'; '.join(f'{stage} {self._states(stage)}' for stage in self.stages)}>"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><td>{stage}</td><td>{self._states(stage)}</td></tr>" for stage in self.stages)
+        problems = "".join(f"<li>{html.escape(problem.error)}</li>" for problem in self.problems)
+        return f"<table>{rows}</table>" + (f"<ul>{problems}</ul>" if problems else "")
+
+    def _states(self, stage: str) -> str:
+        """How many nodes of a stage are in which state, in words."""
+        counts = self.count()[stage]
+        words = {State.RUN: "to run", State.CACHED: "cached", State.BLOCKED: "blocked", State.TRANSIENT: "inline"}
+        return ", ".join(f"{counts[state]} {word}" for state, word in words.items() if counts[state]) or "nothing"
 
     def count(self) -> dict[str, Counter[State]]:
         counts: dict[str, Counter[State]] = {stage: Counter() for stage in self.stages}

@@ -23,7 +23,7 @@ WORKBENCH = {
     "stages/workbench/report/": "pages",
     "stages/workbench/analyses/": "pages",
     "stages/workbench/annotate/": "pages",
-    "stages/workbench/api.py": "api",
+    "stages/workbench/api/": "api",
     "stages/workbench/commands/": "verbs",
 }
 ONLY = {

@@ -12,7 +12,7 @@ import trimesh
 from b23d.pipeline.run import Run
 from b23d.stages.datasets.survey import survey
 from b23d.stages.geometry.upright import guess, support
-from b23d.stages.workbench.commands.run_file_text import run_name
+from b23d.stages.workbench.results.run_file_text import run_name
 from tests.made_datasets import PCD, PLY_MESH, entry, put
 from tests.small_runs import b23d
 

@@ -25,7 +25,7 @@ from b23d.stages.optimize import OptimizeParams
 from b23d.stages.solvers.discrete import discrete
 from b23d.stages.solvers.objective import objective
 from b23d.stages.solvers.softmax import softmax_together
-from b23d.stages.workbench.api import load
+from b23d import load
 from tests.benchmarks.run_problems import Posed, area, posed
 
 ROUNDING = 1e-6

@@ -108,7 +108,7 @@ def main() -> None:
             made = ((instance(seed, alpha=alpha), None) for seed in range(options.instances))
             compare(f"alpha {alpha:g}, 10 keypoints, 2,048 candidates", made, named)
     else:
-        from b23d.stages.workbench.api import load
+        from b23d import load
 
         run = load(options.run, *options.set, 'outputs=["optimize"]')
         targets = posed(run, options.per_class)

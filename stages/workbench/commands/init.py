@@ -33,7 +33,7 @@ def init(
     ShapeNetPart's layouts, and keypoints in keypoints.json.
     """
     from b23d.stages.datasets.survey import survey
-    from b23d.stages.workbench.commands.run_file_text import run_file_text, run_name, summary
+    from b23d.stages.workbench.results.run_file_text import run_file_text, run_name, summary
 
     console = Console()
     console = console if console.is_terminal else Console(width=120)

@@ -1,0 +1,99 @@
+"""`b23d.features`: descriptors of one shape, without a run file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from b23d.pipeline.config import load_config
+from b23d.pipeline.run import Run
+from b23d.schemas.features import PointFeatures
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.datasets.given import CATEGORY, Given
+
+RUN_FILE = Path(__file__).with_name("given.toml")
+NEIGHBOURS = 4
+"""Candidates that a place's descriptor is interpolated from: they lie about .015 of the shape's size apart."""
+
+
+@dataclass(frozen=True)
+class Described:
+    """A shape with descriptors at its candidates."""
+
+    shape: NormalizedShape
+    features: PointFeatures
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """(n, channel) float32 at places (n, 3) of the unit frame, by inverse distance from the nearest candidates."""
+        distance, near = cKDTree(self.shape.points).query(points, k=min(NEIGHBOURS, len(self.shape.points)))
+        distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+        weights = 1 / np.maximum(distance, 1e-9)
+        weights /= weights.sum(axis=1, keepdims=True)
+        values = self.features.features.astype(np.float32)
+        found = np.zeros((len(points), values.shape[1]), np.float32)
+        for k in range(near.shape[1]):  # one neighbour at a time: a million vertices need one array of theirs, not four
+            found += weights[:, k, None].astype(np.float32) * values[near[:, k]]
+        return found
+
+
+def features(
+    mesh: Any,
+    points: np.ndarray | None = None,
+    *,
+    encoder: str | None = None,
+    overrides: Iterable[str] = (),
+    store: str | None = None,
+) -> np.ndarray:
+    """One descriptor per vertex: (v, channel) float32, in the mesh's own vertex order; of a cloud, per point.
+
+    mesh: a path, a trimesh object, an open3d-style one (`.vertices` and `.triangles`, or `.points`), `(vertices,
+    faces)` arrays, or points (n, 3). +y is up. points: (n, 3) places in the mesh's frame, for descriptors there instead
+    of at the vertices. encoder: as `stages.extract.encoder`. overrides: as `--set`, "stages.render.rings=3".
+    store: where what is made is kept and found again; None: `runs/.store`, until `b23d gc`.
+
+    It runs in this process. Descriptors are made at 2,048 points of the surface (`stages.normalize.count`), smoothed as
+    the run file's would be, and interpolated. Raises FileNotFoundError, ValueError or TypeError where `mesh` is no
+    shape, and RuntimeError with the stage's own message where a stage fails.
+    """
+    (described,) = describe({"mesh": mesh}, encoder, overrides, store)
+    where = described.shape.vertices if points is None else described.shape.to_unit(np.asarray(points, np.float64))
+    return described.at(where)
+
+
+def describe(
+    things: dict[str, Any], encoder: str | None = None, overrides: Iterable[str] = (), store: str | None = None
+) -> list[Described]:
+    """Shapes with their descriptors, of what `Given.of` takes; made where the store has none. Raises as `features`."""
+    run = given_run(things, encoder, overrides, store)
+    report = run.execute(workers=0)
+    if report.failures:
+        raise RuntimeError("\n".join(failure.error for failure in report.failures))
+    found = []
+    for name in things:
+        shape = run.artifact(f"{CATEGORY}/{name}", "normalize")
+        made = run.artifact(f"{CATEGORY}/{name}", "reweight")
+        assert isinstance(shape, NormalizedShape) and isinstance(made, PointFeatures)
+        found.append(Described(shape, made))
+    return found
+
+
+def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[str], store: str | None) -> Run:
+    """The run over shapes that were handed over; its record lies beside the store's own files."""
+    chosen = [*overrides, *([f"stages.extract.encoder={encoder}"] if encoder is not None else [])]
+    config = load_config(RUN_FILE, chosen)
+    run = Run(replace(config, dataset=Given.of(**things)), store_place(store))
+    run.folder = Path(run.store.root if run.store.local else Path.cwd()) / ".given"
+    return run
+
+
+def store_place(store: str | None) -> str:
+    """The store of what has no run file of its own: `runs/.store` of the current folder, unless told otherwise;
+    absolute, so that it stays where it is when the program moves on."""
+    if store is not None and "://" in store:
+        return store
+    return str(Path("runs/.store" if store is None else store).expanduser().resolve())

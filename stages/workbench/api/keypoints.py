@@ -1,0 +1,76 @@
+"""`b23d.keypoints`: from a folder with a few annotated shapes to the keypoints of all others, in one call."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from b23d.stages.datasets.survey import survey
+from b23d.stages.workbench.api.features import store_place
+from b23d.stages.workbench.api.run import load
+from b23d.stages.workbench.results.keypoints import keypoint_table
+from b23d.stages.workbench.results.run_file_text import run_file_text, run_name
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def keypoints(
+    folder: str | Path,
+    shots: int | Iterable[str] | Mapping[str, Iterable[str]] | None = None,
+    *,
+    encoder: str | None = None,
+    overrides: Iterable[str] = (),
+    store: str | None = None,
+    workers: int | None = None,
+) -> pd.DataFrame:
+    """Keypoints of every shape that is not a shot, one row each, in the files' own coordinates; columns as
+    `b23d keypoints` writes them.
+
+    folder: meshes or clouds, with keypoints.json in it; or a run file. shots: how many annotated shapes of each class
+    are shown; or which, as ids of the only class, or as class → ids; None: three, or as many as there are.
+    Other arguments: as `b23d.features`, and `workers` as `Run.execute`. Raises FileNotFoundError or ValueError where
+    the folder cannot be used, RuntimeError where no shape was predicted.
+    """
+    path = Path(folder).expanduser()
+    chosen = [*overrides, *([f"stages.extract.encoder={encoder}"] if encoder is not None else [])]
+    file = path if path.is_file() else _run_file(path, store)
+    place = None if path.is_file() and store is None else store_place(store)
+    run = load(file, *chosen, *_shots(shots, file), store=place)
+    report = run.execute(workers)
+    table = keypoint_table(run).table
+    if not len(table):
+        raise RuntimeError("\n".join(failure.error for failure in report.failures) or "keypoints: nothing to predict")
+    return table
+
+
+def _run_file(folder: Path, store: str | None) -> Path:
+    """The run file of a folder, as `b23d init` would write it; in `.given` of a local store, so that `b23d gc` knows
+    it, else beside the folder."""
+    found = survey(folder)
+    if not found.annotated:
+        raise ValueError(
+            f"{folder}: expected annotated shapes, got {found.shapes} without; b23d init and b23d annotate make them"
+        )
+    name = run_name(folder)
+    place = folder.parent if "://" in (store or "") else Path(store_place(store), ".given")
+    place.mkdir(parents=True, exist_ok=True)
+    path = place / f"{name}.toml"
+    path.write_text(run_file_text(found, name, place), encoding="utf-8")
+    return path
+
+
+def _shots(shots: int | Iterable[str] | Mapping[str, Iterable[str]] | None, file: Path) -> list[str]:
+    """As overrides of the run file."""
+    if shots is None:
+        return []
+    if isinstance(shots, int):
+        return [f"shots.count={shots}"]
+    if not isinstance(shots, Mapping):
+        classes = {shape.category for shape in load(file).shapes}
+        if len(classes) > 1:
+            raise ValueError(f"shots: expected class → ids for {len(classes)} classes, got ids alone; give a dict")
+        shots = {next(iter(classes)): shots}
+    return [f"shots.ids={json.dumps({name: list(ids) for name, ids in shots.items()})}"]
