@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import Selection
 from b23d.stages.workbench.results.keypoints import keypoint_table
 from tests.report_runs import mixed
 from tests.small_runs import FAST, b23d
@@ -84,7 +85,7 @@ def test_what_cannot_be_written_is_said_before_anything_is_read(boxes: Path, tmp
         b23d("keypoints", str(boxes), "-o", str(tmp_path / "k.xls"))
     with pytest.raises(ValueError, match="expected one shape for a PLY, got 2"):
         b23d("keypoints", str(boxes), "-o", str(tmp_path / "k.ply"))
-    with pytest.raises(KeyError, match="expected some of the 4 in box, got none for zebra"):
+    with pytest.raises(ValueError, match="expected a name or glob of the data set, got 'zebra'"):
         b23d("keypoints", str(boxes), "--shape", "zebra")
 
 
@@ -98,9 +99,9 @@ def test_equal_draws_are_said_and_not_repeated(boxes: Path) -> None:
 
 def test_one_draw_unless_asked() -> None:
     run = mixed()
-    one = keypoint_table(run, classes=["box"])
+    one = keypoint_table(run, Selection(classes=("box",)))
     assert not one.table[["shape", "id"]].duplicated().any()
-    several = keypoint_table(run, classes=["box"], draws=[0, 1])
+    several = keypoint_table(run, Selection(classes=("box",)), draws=[0, 1])
     assert set(several.table["draw"]) == {0, 1} and len(several.table) > len(one.table)
     shots = {d.seed: {s.id for s in d.shots} for d in run.plan().draws if d.category == "box"}
     for seed, names in shots.items():
@@ -108,7 +109,7 @@ def test_one_draw_unless_asked() -> None:
 
 
 def test_clouds_have_points_and_no_faces() -> None:
-    table = keypoint_table(mixed(), classes=["egg"]).table
+    table = keypoint_table(mixed(), Selection(classes=("egg",))).table
     assert len(table) and table["face"].isna().all() and table["b0"].isna().all()
     run = mixed()
     for row in table.itertuples():

@@ -20,12 +20,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+from b23d import load
 from b23d.schemas.scores import ShapeScore
 from b23d.stages.optimize import OptimizeParams
 from b23d.stages.solvers.discrete import discrete
 from b23d.stages.solvers.objective import objective
 from b23d.stages.solvers.softmax import softmax_together
-from b23d import load
 from tests.benchmarks.run_problems import Posed, area, posed
 
 ROUNDING = 1e-6

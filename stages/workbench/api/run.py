@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from b23d.pipeline.config import load_config
 from b23d.pipeline.plan import Plan
 from b23d.pipeline.run import Report, Run
+from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.pipeline.tasks import Outcome
 from b23d.stages.workbench.api.guard import unguarded_script
 from b23d.stages.workbench.api.progress import NotebookProgress, in_notebook
@@ -34,7 +35,7 @@ class LoadedRun(Run):
         self,
         workers: int | None = None,
         scheduler: str | None = None,
-        limit: int | None = None,
+        selection: Selection = EVERYTHING,
         watch: Callable[[Plan, Outcome | None], None] | None = None,
         on_start: Callable[[Plan, str], None] | None = None,
     ) -> Report:
@@ -54,7 +55,7 @@ class LoadedRun(Run):
             shown = NotebookProgress()
             watch, on_start = shown.watch, shown.start
         nothing: Callable[..., None] = lambda *_: None  # noqa: E731
-        return super().execute(workers, scheduler, limit, watch or nothing, on_start or nothing)
+        return super().execute(workers, scheduler, selection, watch or nothing, on_start or nothing)
 
     def __repr__(self) -> str:
         shots, file = self.config.file.shots, self.config.file

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.run import Report, Run
+from b23d.pipeline.selection import Selection
 from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
 
 if TYPE_CHECKING:
@@ -49,7 +50,10 @@ def keypoints(
     draws = [seed for d in loaded.plan().draws for seed in [d.seed]] if all_draws else draw or None
     with console.status("reading") as status:
         found = keypoint_table(
-            loaded, shape, category, draws, lambda done, total: status.update(f"reading {done}/{total} shapes")
+            loaded,
+            Selection(tuple(shape), tuple(category)),
+            draws,
+            lambda done, total: status.update(f"reading {done}/{total} shapes"),
         )
     table = found.table[found.table["present"]] if present else found.table
     if not len(found.table):

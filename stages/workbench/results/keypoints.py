@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from b23d.pipeline.config import feeding
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.plan import Node, Plan, State
 from b23d.pipeline.run import Run
+from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.names import keypoint_names
@@ -55,14 +55,13 @@ class FoundKeypoints:
 
 def keypoint_table(
     run: Run,
-    shapes: Iterable[str] = (),
-    classes: Iterable[str] = (),
+    selection: Selection = EVERYTHING,
     draws: Iterable[int] | None = None,
     watch: Callable[[int, int], None] = lambda done, total: None,
 ) -> FoundKeypoints:
     """Every predicted keypoint of the chosen shapes, by default with each class's first draw of shots alone.
 
-    shapes, classes: names or globs (`chair/*`, `m1?`); none: all. draws: which; every draw with its shots differing
+    draws: which; every draw with its shots differing
     from those of the draws before is kept. Columns, by `COLUMNS`:
     x, y, z: in the file's own coordinates. vertex: the file's nearest vertex (or cloud point), counted from 0 in the
     file's order. face, b0, b1, b2: the face it lies on and where, by barycentric coordinates of its three corners;
@@ -70,10 +69,10 @@ def keypoint_table(
     surface is not the file's (`stages.normalize.watertight`), faces for clouds as well.
     confidence: 0 … 1, NA where the method has none. present: False where the id is judged absent from this shape.
 
-    Raises KeyError where no shape is chosen.
+    Raises SelectionError where `selection` names what is not there.
     """
-    chosen = choose(run.shapes, shapes, classes)
-    plan = run.plan()
+    plan, names = run.plan(), selection.targets(run.shapes)
+    chosen = [shape for shape in run.shapes if shape.name in names]
     final, base = feeding(run.config.file, "optimize"), feeding(run.config.file, "normalize")
     kept, alike = _draws(plan, draws)
     rows: list[dict[str, Any]] = []
@@ -97,23 +96,6 @@ def keypoint_table(
     shown = {name: sorted(seeds) for name, seeds in used.items()}
     others = {name: [seed for seed in kept[name] if seed not in seeds] for name, seeds in shown.items()}
     return FoundKeypoints(_frame(rows), shown, alike, others, waiting)
-
-
-def choose(every: list[Shape], shapes: Iterable[str], classes: Iterable[str]) -> list[Shape]:
-    """Shapes whose name or id matches one of `shapes`, of a class that matches one of `classes`; empty: all. Raises
-    KeyError where that is none."""
-    wanted, of = list(shapes), list(classes)
-    found = [
-        shape
-        for shape in every
-        if (not wanted or any(fnmatchcase(shape.name, glob) or fnmatchcase(shape.id, glob) for glob in wanted))
-        and (not of or any(fnmatchcase(shape.category, glob) for glob in of))
-    ]
-    if not found:
-        known = ", ".join(sorted({shape.category for shape in every}))
-        asked = ", ".join([*wanted, *of])
-        raise KeyError(f"shapes: expected some of the {len(every)} in {known}, got none for {asked}; see `b23d list`")
-    return found
 
 
 def _draws(plan: Plan, wanted: Iterable[int] | None) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
