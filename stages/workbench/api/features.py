@@ -22,7 +22,7 @@ NEIGHBOURS = 4
 
 
 @dataclass(frozen=True)
-class Described:
+class DescribedShape:
     """A shape with descriptors at its candidates."""
 
     shape: NormalizedShape
@@ -54,7 +54,7 @@ def features(
     mesh: a path, a trimesh object, an open3d-style one (`.vertices` and `.triangles`, or `.points`), `(vertices,
     faces)` arrays, or points (n, 3). +y is up. points: (n, 3) places in the mesh's frame, for descriptors there instead
     of at the vertices. encoder: as `stages.extract.encoder`. overrides: as `--set`, "stages.render.rings=3".
-    store: where what is made is kept and found again; None: `runs/.store`, until `b23d gc`.
+    store: where what is made is kept and found again; None: "runs/.store", until `b23d gc`.
 
     It runs in this process. Descriptors are made at 2,048 points of the surface (`stages.normalize.count`), smoothed as
     the run file's would be, and interpolated. Raises FileNotFoundError, ValueError or TypeError where `mesh` is no
@@ -67,7 +67,7 @@ def features(
 
 def describe(
     things: dict[str, Any], encoder: str | None = None, overrides: Iterable[str] = (), store: str | None = None
-) -> list[Described]:
+) -> list[DescribedShape]:
     """Shapes with their descriptors, of what `Given.of` takes; made where the store has none. Raises as `features`."""
     run = given_run(things, encoder, overrides, store)
     report = run.execute(workers=0)
@@ -78,7 +78,7 @@ def describe(
         shape = run.artifact(f"{CATEGORY}/{name}", "normalize")
         made = run.artifact(f"{CATEGORY}/{name}", "reweight")
         assert isinstance(shape, NormalizedShape) and isinstance(made, PointFeatures)
-        found.append(Described(shape, made))
+        found.append(DescribedShape(shape, made))
     return found
 
 
@@ -92,7 +92,7 @@ def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[s
 
 
 def store_place(store: str | None) -> str:
-    """The store of what has no run file of its own: `runs/.store` of the current folder, unless told otherwise;
+    """The store of what has no run file of its own: "runs/.store" of the current folder, unless told otherwise;
     absolute, so that it stays where it is when the program moves on."""
     if store is not None and "://" in store:
         return store

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.workbench.api.features import Described, describe
+from b23d.stages.workbench.api.features import DescribedShape, describe
 from b23d.stages.workbench.pictures.frames import in_frame, sampled
-from b23d.stages.workbench.pictures.solids import Part, write_glb, write_ply
+from b23d.stages.workbench.pictures.solids import SceneObject, write_glb, write_ply
 
 if TYPE_CHECKING:
     import trimesh
@@ -54,7 +54,7 @@ class Match:
             raise ValueError(f"match: expected a file of .ply or .glb, got {path.name!r}; change its name")
         x, y, z = self.points.T.astype(np.float32)
         scalars = {"similarity": self.similarity, "bx": x, "by": y, "bz": z}
-        part = Part("a", in_frame(self.a.vertices, self.a, "file"), self.colors, self.a.faces, scalars)
+        part = SceneObject("a", in_frame(self.a.vertices, self.a, "file"), self.colors, self.a.faces, scalars)
         path.parent.mkdir(parents=True, exist_ok=True)
         if suffix == ".ply":
             write_ply(part, path, ["a with b's colours; bx by bz: the matching point of b, in b's coordinates"])
@@ -83,7 +83,7 @@ def match(
     return Match(first.shape, second.shape, points, similarity, own[nearest], own)
 
 
-def alike(a: Described, b: Described) -> tuple[np.ndarray, np.ndarray]:
+def alike(a: DescribedShape, b: DescribedShape) -> tuple[np.ndarray, np.ndarray]:
     """(v,) the candidate of b whose descriptor is nearest to that of each vertex of a, and their cosine."""
     mean_a, mean_b = (described.features.features.mean(0, dtype=np.float32) for described in (a, b))
     theirs = _unit(b.features.features.astype(np.float32) - mean_b)
