@@ -1,7 +1,7 @@
 """The Python API: `b23d.pipeline.run.Run` with what knows 3D: scores as a DataFrame, plots, the report.
 
 >>> import b23d
->>> run = b23d.load("runs/demo.toml", "stages.optimize.alpha=0.5")
+>>> run = b23d.load("runs/demo.toml", "stages.optimize.method=discrete")
 >>> run.execute()
 >>> run.scores
 >>> run.plot("chair/chair-0003")
@@ -104,5 +104,5 @@ class LoadedRun(Run):
 
 
 def load(path: str | Path, *overrides: str, store: str | None = None) -> LoadedRun:
-    """A run file with overrides (`"stages.optimize.alpha=0.5"`), ready to plan and execute."""
+    """A run file with overrides (`"stages.optimize.method=discrete"`), ready to plan and execute."""
     return LoadedRun(load_config(path, overrides), store)
