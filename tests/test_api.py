@@ -19,7 +19,7 @@ from b23d.stages.workbench.api.guard import unguarded_script
 from tests.small_runs import FAST, make_boxes
 from tests.small_runs import b23d as command
 
-FEW = ["stages.normalize.count=256", "stages.render.rings=1", "stages.render.resolution=64"]
+FEW = ["stages.normalize.count=256", "stages.render.rings.count=1", "stages.render.resolution=64"]
 BOX = trimesh.creation.box((1, 2, 4)).subdivide()
 
 
@@ -88,7 +88,7 @@ def test_a_shape_matches_itself_and_takes_its_own_colours(here: Path) -> None:
     rough.vertices[:, 0] *= 3
     colors = np.where(rough.vertices[:, :1] > 0, [[250, 10, 10]], [[10, 10, 250]]).astype(np.uint8)
     rough.visual.vertex_colors = np.hstack([colors, np.full((len(colors), 1), 255, np.uint8)])
-    found = b23d.match(rough, rough, overrides=["stages.normalize.count=642", "stages.render.rings=3"])
+    found = b23d.match(rough, rough, overrides=["stages.normalize.count=642", "stages.render.rings.count=3"])
     away = np.linalg.norm(found.points - rough.vertices, axis=1) / np.ptp(rough.vertices, axis=0).max()
     assert np.median(away) < 0.05 and (np.abs(found.colors.astype(int) - colors).max(1) < 60).mean() > 0.8
     assert found.similarity.max() <= 1.0001 and np.median(found.similarity) > 0.8

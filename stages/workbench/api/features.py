@@ -53,7 +53,7 @@ def features(
 
     mesh: a path, a trimesh object, an open3d-style one (`.vertices` and `.triangles`, or `.points`), `(vertices,
     faces)` arrays, or points (n, 3). +y is up. points: (n, 3) places in the mesh's frame, for descriptors there instead
-    of at the vertices. encoder: as `stages.extract.encoder`. overrides: as `--set`, "stages.render.rings=3".
+    of at the vertices. encoder: as `stages.extract.encoder`. overrides: as `--set`, "stages.render.rings.count=3".
     store: where what is made is kept and found again; None: "runs/.store", until `b23d gc`.
 
     It runs in this process. Descriptors are made at 2,048 points of the surface (`stages.normalize.count`), smoothed as
