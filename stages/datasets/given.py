@@ -20,7 +20,7 @@ CATEGORY = "given"
 
 
 @dataset("given")
-class Given(Dataset):
+class GivenShapes(Dataset):
     """The shapes of `b23d.features` and `b23d.match`."""
 
     kind: Literal["given"] = "given"
@@ -28,7 +28,7 @@ class Given(Dataset):
     _shapes: list[Shape] = PrivateAttr(default_factory=list)
 
     @classmethod
-    def of(cls, **things: Any) -> Given:
+    def of(cls, **things: Any) -> GivenShapes:
         """A data set of one shape a name. Each is a path, an object with `.vertices` and `.faces` (trimesh) or
         `.triangles` (open3d), one with `.points`, `(vertices, faces)` arrays, or an (n, 3) array of points.
 
@@ -79,7 +79,7 @@ def load_given(files: dict[str, bytes], values: dict[str, Any]) -> Source:
 
 def arrays_of(thing: Any, name: str = "the shape") -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Vertices (v, 3) float64, faces (f, 3) int32 (none for a cloud) and colours (v, 3) uint8 or None, of what
-    `Given.of` takes."""
+    `GivenShapes.of` takes."""
     faces: Any = None
     if isinstance(thing, tuple | list) and len(thing) == 2:
         vertices, faces = thing

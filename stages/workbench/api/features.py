@@ -14,7 +14,7 @@ from b23d.pipeline.config import load_config
 from b23d.pipeline.run import Run
 from b23d.schemas.features import PointFeatures
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.datasets.given import CATEGORY, Given
+from b23d.stages.datasets.given import CATEGORY, GivenShapes
 
 RUN_FILE = Path(__file__).with_name("given.toml")
 NEIGHBOURS = 4
@@ -68,7 +68,7 @@ def features(
 def describe(
     things: dict[str, Any], encoder: str | None = None, overrides: Iterable[str] = (), store: str | None = None
 ) -> list[DescribedShape]:
-    """Shapes with their descriptors, of what `Given.of` takes; made where the store has none. Raises as `features`."""
+    """Shapes with their descriptors, of what `GivenShapes.of` takes; made where the store has none. Raises as `features`."""
     run = given_run(things, encoder, overrides, store)
     report = run.execute(workers=0)
     if report.failures:
@@ -86,7 +86,7 @@ def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[s
     """The run over shapes that were handed over; its record lies beside the store's own files."""
     chosen = [*overrides, *([f"stages.extract.encoder={encoder}"] if encoder is not None else [])]
     config = load_config(RUN_FILE, chosen)
-    run = Run(replace(config, dataset=Given.of(**things)), store_place(store))
+    run = Run(replace(config, dataset=GivenShapes.of(**things)), store_place(store))
     run.folder = Path(run.store.root if run.store.local else Path.cwd()) / ".given"
     return run
 
