@@ -68,7 +68,7 @@ def features(
 def describe(
     things: dict[str, Any], encoder: str | None = None, overrides: Iterable[str] = (), store: str | None = None
 ) -> list[DescribedShape]:
-    """Shapes with their descriptors, of what `GivenShapes.of` takes; made where the store has none. Raises as `features`."""
+    """Shapes with their descriptors, of what `GivenShapes.of` takes; made where need be. Raises as `features`."""
     run = given_run(things, encoder, overrides, store)
     report = run.execute(workers=0)
     if report.failures:
