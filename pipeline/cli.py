@@ -14,6 +14,7 @@ from b23d.pipeline.errors import B23dError
 from b23d.pipeline.stopping import Stopped, end, stop_on_signals
 from b23d.pipeline.verbs.explain import explain
 from b23d.pipeline.verbs.gc import gc
+from b23d.pipeline.verbs.log import log
 from b23d.pipeline.verbs.plan import plan
 from b23d.pipeline.verbs.run import run
 from b23d.pipeline.verbs.show import show
@@ -30,7 +31,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.",
 )
-for verb in (run, plan, show, explain, try_, verify, gc):
+for verb in (run, plan, show, explain, try_, log, verify, gc):
     app.command(verb.__name__.rstrip("_"), cls=Verb)(verb)
 
 

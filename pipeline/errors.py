@@ -63,6 +63,10 @@ class ClusterError(B23dError, ConnectionError):
     exit_code = 4
 
 
+class HistoryError(B23dError, LookupError):
+    """A record of an execution that is not there, or that cannot be run again."""
+
+
 def naming(shape: str, message: str) -> str:
     """The message, with the shape's name before it unless it is in it as a word of its own: shape `1` is not named by
     "expected 1 mesh", nor `box/b1` by "box/b10" or "/data/box/b1.obj"."""

@@ -39,6 +39,8 @@ class Report:
     failures: list[Failure] = field(default_factory=list)
     blocked: int = 0
     """Tasks that could not be tried, for what failed above them."""
+    record: str = ""
+    """Id of the record that this execution has left (see `pipeline/history.py`)."""
 
     @property
     def ok(self) -> bool:

@@ -41,6 +41,11 @@ def provenance(task: Task, seconds: float, peak_mb: float) -> dict[str, Any]:
     }
 
 
+def environment() -> dict[str, Any]:
+    """What the code runs as and on: commit, package versions, machine."""
+    return {"code": _commit(), "versions": _versions(), "device": _device()}
+
+
 def _recipe(task: Task) -> dict[str, Any]:
     """What a transient task was made from: it has no provenance of its own."""
     version = load_stages_once()[task.stage].version

@@ -23,6 +23,7 @@ from typing import Any
 from b23d.pipeline.address import canonical_json, sha256
 from b23d.pipeline.errors import StoreError
 from b23d.pipeline.marker import names
+from b23d.pipeline.notes import put_note
 from b23d.pipeline.store import Store
 
 FOLDER = ".roots"
@@ -117,20 +118,4 @@ def _fresh(store: Store, name: str) -> bool:
 
 
 def _put(store: Store, name: str, value: dict[str, Any]) -> None:
-    """Written whole or not at all."""
-    path, data = f"{store.root}/{FOLDER}/{name}", json.dumps(value).encode()
-    try:
-        store.fs.makedirs(f"{store.root}/{FOLDER}", exist_ok=True)
-        if store.local:
-            aside = Path(f"{path}.{uuid.uuid4().hex}.new")
-            try:
-                aside.write_bytes(data)
-                aside.replace(path)
-            finally:
-                aside.unlink(missing_ok=True)
-        else:
-            store.fs.pipe_file(path, data)
-    except Exception as error:
-        raise StoreError(
-            f"store {store.url}: expected room to write, got {error}; mend that, or give another"
-        ) from error
+    put_note(store, f"{FOLDER}/{name}", json.dumps(value).encode())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from functools import cached_property
@@ -20,6 +21,7 @@ from b23d.pipeline.config import Config, feeding, load_config
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
 from b23d.pipeline.execution import Report, RunLoop
+from b23d.pipeline.history import begin, finish, stopped
 from b23d.pipeline.index import Index
 from b23d.pipeline.members import SUFFIX
 from b23d.pipeline.plan import Node, Plan, State
@@ -82,7 +84,14 @@ class Run:
         """
         self.open_to_write()
         self.store.sweep()
-        plan, report = RunLoop(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))
+        record, started = begin(self, selection), time.perf_counter()
+        try:
+            plan, report = RunLoop(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))
+        except BaseException as error:
+            why = "stopped" if isinstance(error, KeyboardInterrupt | SystemExit) else f"{type(error).__name__}: {error}"
+            stopped(self.store, record, time.perf_counter() - started, why)
+            raise
+        report.record = finish(self.store, record, plan, report).id
         self._save(plan, report)
         return report
 

@@ -2,7 +2,8 @@
 
 Reached is, by run files that have used the store and still exist: what each wants as it stands, members of its series
 included; and what was last begun with it, with each set of overrides, whether that ended or was killed (see
-`pipeline/roots.py`). What a running run wants is kept in any case. `as_written` leaves out what only overrides reach.
+`pipeline/roots.py`). What a kept record reached (`b23d log ID --keep`) and what a running run wants stays in any case.
+`as_written` leaves out what only overrides reach.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from b23d.pipeline.config import load_config
 from b23d.pipeline.errors import B23dError, StoreError
+from b23d.pipeline.history import reached_by, records
 from b23d.pipeline.index import Index
 from b23d.pipeline.members import SUFFIX, members
 from b23d.pipeline.plan import State
@@ -100,6 +102,9 @@ def reached(
     for root in roots(store):
         if root.leased or (root.run_file.exists() and not (as_written and root.overrides)):
             found |= root.reached()
+    for record in records(store):
+        if record.kept:
+            found |= reached_by(store, record)
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,7 +14,6 @@ from b23d.pipeline.verbs.options import (
     Force,
     Limit,
     OnlyFailed,
-    RunPath,
     Set,
     Shapes,
     Stages,
@@ -25,7 +25,7 @@ from b23d.pipeline.verbs.terminal import console, debug
 
 
 def run(
-    run: RunPath,
+    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)] = None,
     set: Set = [],
     workers: Workers = None,
     scheduler: Annotated[str | None, typer.Option(metavar="URL", help="An existing dask cluster, tcp://…")] = None,
@@ -37,14 +37,22 @@ def run(
     until: Until = None,
     only_failed: OnlyFailed = False,
     force: Force = False,
+    again: Annotated[
+        str | None,
+        typer.Option("--again", metavar="ID", help="A recorded run, as it was.", show_default=False),
+    ] = None,
 ) -> None:
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
+    from b23d.pipeline.again import run_of
+    from b23d.pipeline.history import attach
     from b23d.pipeline.progress import RunProgress, stage_table
     from b23d.pipeline.run import Run
     from b23d.pipeline.selection import Selection
 
     selection = Selection(tuple(shape), tuple(category), limit, tuple(stage), until, only_failed, force)
-    loaded = Run.load(run, set, store)
+    if (run is None) == (again is None):
+        raise typer.BadParameter("expected a run file, or --again with the id of a record: one of the two")
+    loaded = Run.load(run, set, store) if run is not None else run_of(str(again), set, store)
     with RunProgress(console) as progress:
         report = loaded.execute(workers, scheduler, selection, progress.watch, progress.start)
     if report.done:
@@ -54,7 +62,9 @@ def run(
             f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False
         )
     for hook in entry_points(group="b23d.after_run"):
-        hook.load()(loaded, report, console)
+        table = hook.load()(loaded, report, console)
+        if table is not None:
+            attach(loaded.store, report.record, hook.name, table)
     if not report.ok:
         counts = f"[red]{len(report.failures)} failed, {report.blocked} blocked behind them[/]"
         console.print(f"{counts}; the rest is done. The next run retries only these:", highlight=False)

@@ -3,19 +3,18 @@ predictions that moved."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
 
-from b23d.pipeline.run import Run
+from b23d.pipeline.again import run_of
 from b23d.pipeline.verbs.options import StoreUrl
 
 
 def diff(
-    run1: Annotated[Path, typer.Argument(metavar="RUN1")],
-    run2: Annotated[Path, typer.Argument(metavar="RUN2")],
+    run1: Annotated[str, typer.Argument(metavar="RUN1|ID1", help="A run file, or a record's id.")],
+    run2: Annotated[str, typer.Argument(metavar="RUN2|ID2", help="Another.")],
     set1: Annotated[list[str], typer.Option("--set1", metavar="a.b=value", help="Overrides of RUN1.")] = [],
     set2: Annotated[list[str], typer.Option("--set2", metavar="a.b=value", help="Overrides of RUN2.")] = [],
     store: StoreUrl = None,
@@ -26,7 +25,7 @@ def diff(
 
     console = Console()
     console = console if console.is_terminal else Console(width=120)
-    one, two = Run.load(run1, set1, store), Run.load(run2, set2, store)
+    one, two = run_of(run1, set1, store), run_of(run2, set2, store)
     console.print(parameter_table(one, two))
     console.print(score_table(one, two))
     for table in (shape_table(one, two, most), moved_table(one, two, most)):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rich.console import Console
 
 from b23d.pipeline.run import Report, Run
@@ -26,15 +28,17 @@ def parts(
         (console if console.is_terminal else Console(width=140)).print(render(table))
 
 
-def after_run(run: Run, report: Report, console: Console) -> None:
-    """Print the part table after a run that scores parts, and keep it as JSON beside the run's manifest."""
+def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | None:
+    """Print the part table after a run that scores parts, and keep it as JSON beside the run's manifest
+    and in its record."""
     from b23d.stages.scoring.parts import render
 
     if "score_parts" not in run.config.stages:
-        return
+        return None
     try:
         table = run_parts(run)
     except ValueError:
-        return
+        return None
     (run.folder / "parts.json").write_text(table.model_dump_json(indent=1))
     console.print(render(table))
+    return table.model_dump(mode="json")

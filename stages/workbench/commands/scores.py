@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -31,15 +31,17 @@ def scores(
         (console if console.is_terminal else Console(width=120)).print(render(table))
 
 
-def after_run(run: Run, report: Report, console: Console) -> None:
-    """Print the score table after a run, and keep it as JSON beside the run's manifest."""
+def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | None:
+    """Print the score table after a run, and keep it as JSON beside the run's manifest
+    and in its record."""
     from b23d.stages.scoring.table import render
 
     if "score" not in run.config.stages:
-        return
+        return None
     try:
         table = run_scores(run)
     except ValueError:
-        return
+        return None
     (run.folder / "scores.json").write_text(table.model_dump_json(indent=1))
     console.print(render(table))
+    return table.model_dump(mode="json")
