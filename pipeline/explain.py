@@ -55,20 +55,27 @@ def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: 
     Raises KeyError where the run has no such shape or stage.
     """
     node = run.node(shape, stage, draw)
+    return explain_node(run, node, None if against is None else _of_node(against, against.node(shape, stage, draw)))
+
+
+def explain_node(run: Run, node: Node, before: _Recipe | None = None) -> Explanation:
+    """Explain a node against a recipe, or the nearest stored artifact."""
     parts = [AddressPart("stage", node.stage), AddressPart("version", str(run.config.stages[node.stage].version))]
     params = flat(run.config.params[node.stage].hashed())
     parts += [AddressPart(f"params.{name}", repr(value)) for name, value in params.items()]
     for name, above in _inputs(run, node).items():
         addresses = above if isinstance(above, list) else [above]
         parts.append(AddressPart(f"inputs.{name}", ", ".join(_describe(item) for item in addresses)))
-    if against is not None:
-        other = against.node(shape, stage, draw)
-        before: _Recipe | None = _of_node(against, other)
-    else:
-        before = _nearest(run, node)
+    before = before or _nearest(run, node)
     found = [] if before is None else list(_differences(run, _of_node(run, node), before))
     return Explanation(
-        node.stage, shape, node.address, node.state.value, parts, before.address if before else None, _unique(found)
+        node.stage,
+        node.shape,
+        node.address,
+        node.state.value,
+        parts,
+        before.address if before else None,
+        _unique(found),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -11,6 +11,11 @@ from rich.table import Table
 
 from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
+
+if TYPE_CHECKING:
+    from b23d.pipeline.run import Run
+
+SHOWN = 4  # shapes that a line names
 
 
 def explain(
@@ -23,12 +28,19 @@ def explain(
     against: Annotated[
         Path | None, typer.Option(metavar="RUN2", help="Compare with this run, not the nearest artifact.")
     ] = None,
+    down: Annotated[
+        bool,
+        typer.Option("--down", help="What was made from it instead, down to scores; STAGE may be a leaf: keypoints."),
+    ] = False,
 ) -> None:
     """What an artifact's address is made of, and the first field that differs from the nearest stored one."""
     from b23d.pipeline.explain import explain as explain_node
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
+    if down:
+        _print_descent(loaded, shape, stage, draw)
+        return
     told = explain_node(loaded, shape, stage, draw, Run.load(against, (), store) if against else None)
     title = escape(f"{told.stage} of {told.shape}: {told.state.upper()}, address {told.address[:16]}")
     table = Table("part", "value", title=title, title_justify="left")
@@ -44,3 +56,24 @@ def explain(
         console.print(f"differs from {where} ({told.nearest[:16]}) first in:", highlight=False, markup=False)
         for difference in told.differences:
             console.print(f"  [bold]{escape(str(difference))}[/]", highlight=False)
+
+
+def _print_descent(run: Run, shape: str, stage: str, draw: int | None) -> None:
+    from b23d.pipeline.lineage import descent
+    from b23d.pipeline.plan import State
+
+    told = descent(run, shape, stage, draw)
+    title = escape(f"made from {stage} of {shape}, run {run.name}")
+    table = Table("stage", "artifacts", "stored", "shapes", title=title, title_justify="left")
+    for name, nodes in told.below.items():
+        stored = sum(node.state is State.CACHED for node in nodes)
+        shapes = sorted({node.shape for node in nodes})
+        more = f" and {len(shapes) - SHOWN} more" if len(shapes) > SHOWN else ""
+        table.add_row(name, str(len(nodes)), str(stored), escape(", ".join(shapes[:SHOWN]) + more))
+    console.print(table if told.below else f"nothing is made from {stage} of {shape}", highlight=False, markup=False)
+    if told.as_shot:
+        count = f"{len(told.as_shot)} other shapes have it among their shots"
+        console.print(count, highlight=False, markup=False)
+    for record in told.recorded:
+        made = f"{record.began}, {record.run} {' '.join(record.overrides)}".rstrip()
+        console.print(f"in record {record.id}: {made}, {record.ended}", highlight=False, markup=False, soft_wrap=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
@@ -27,6 +27,11 @@ from b23d.pipeline.verbs.terminal import console
 SHOWN = 12  # problems that are printed
 
 
+if TYPE_CHECKING:
+    from b23d.pipeline.plan import Plan
+    from b23d.pipeline.run import Run
+
+
 def plan(
     run: RunPath,
     set: Set = [],
@@ -39,6 +44,7 @@ def plan(
     only_failed: OnlyFailed = False,
     force: Force = False,
     as_json: Json = False,
+    why: Annotated[bool, typer.Option("--why", help="Why tasks are to run: what has changed, how often.")] = False,
     exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
@@ -67,9 +73,21 @@ def plan(
             console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
         if len(planned.problems) > SHOWN:
             console.print(f"… and {len(planned.problems) - SHOWN} more problems", highlight=False)
+    if why and not as_json:
+        _print_reasons(loaded, planned)
     if exit_code and any(row["run"] or row["blocked"] for row in stages.values()):
         raise typer.Exit(1)
 
 
 def _round(value: float | None, unit: float) -> str:
     return "?" if value is None else f"{value / unit:,.1f}" if value else "·"
+
+
+def _print_reasons(run: Run, planned: Plan) -> None:
+    from b23d.pipeline.lineage import reasons
+
+    found, behind = reasons(run, planned)
+    for reason, count in found.most_common():
+        console.print(f"{count:,} × {escape(reason)}", highlight=False, soft_wrap=True)
+    if behind:
+        console.print(f"{behind:,} × behind these", highlight=False)
