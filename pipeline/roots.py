@@ -2,8 +2,9 @@
 
 `.roots/<digest of run file and overrides>.json` is the latest plan of one run file with one set of overrides. It counts
 as long as its run file exists, whether the run has ended well, badly or not yet. While a run lives it also holds a
-lease, a file that it touches every minute: what a leased root names is kept whatever else is said. A lease that has not
-been touched for a quarter of an hour belonged to a killed run, and counts no longer.
+lease, a file that it writes anew every ten seconds, with how far it is: what a leased root names is kept whatever else
+is said. A lease belonged to a killed run, and counts no longer, when its process is gone (on this machine) or when it
+has not been touched for a quarter of an hour.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import socket
 import threading
 import time
 import uuid
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ from b23d.pipeline.notes import put_note
 from b23d.pipeline.store import Store
 
 FOLDER = ".roots"
-BEAT, STALE = 60.0, 900.0
+BEAT, STALE = 10.0, 900.0
 """Seconds between two touches of a lease, and after which one counts no longer."""
 
 
@@ -67,26 +68,50 @@ def stamp(store: Store) -> list[str]:
 
 
 @contextmanager
-def lease(store: Store, name: str) -> Iterator[None]:
-    """Hold a lease on a root while a run lives. Raises StoreError where it cannot be written at first."""
+def lease(store: Store, name: str, progress: Callable[[], dict[str, Any]] = dict) -> Iterator[str]:
+    """Hold a lease on a root while a run lives, and say in it how far the run is (JSON values). Gives the lease's name.
+
+    Raises StoreError where it cannot be written at first.
+    """
     file, ended = f"{name}.{uuid.uuid4().hex}.lease", threading.Event()
     holder = {"host": socket.gethostname(), "pid": os.getpid()}
-    _put(store, file, {**holder, "time": time.time()})
+
+    def told() -> dict[str, Any]:
+        return {**holder, "time": time.time(), "progress": progress()}
+
+    _put(store, file, told())
 
     def beat() -> None:
         while not ended.wait(BEAT):
             with suppress(StoreError):  # the run itself will find out
-                _put(store, file, {**holder, "time": time.time()})
+                _put(store, file, told())
 
     thread = threading.Thread(target=beat, daemon=True, name="b23d-lease")
     thread.start()
     try:
-        yield
+        yield file
     finally:
         ended.set()
         thread.join()
         with suppress(Exception):
             store.fs.rm_file(f"{store.root}/{FOLDER}/{file}")
+
+
+def leases(store: Store) -> list[dict[str, Any]]:
+    """What every running run says of itself: host, pid, time, progress; what cannot be read is left out."""
+    found = []
+    for name in names(store.fs, f"{store.root}/{FOLDER}"):
+        if name.endswith(".lease") and _fresh(store, name):
+            with suppress(OSError, ValueError, RecursionError):
+                told = json.loads(store.fs.cat_file(f"{store.root}/{FOLDER}/{name}"))
+                if isinstance(told, dict):
+                    found.append(told)
+    return found
+
+
+def alive(store: Store, lease_name: str) -> bool:
+    """Whether the run that holds a lease is still going on, as far as can be told."""
+    return _fresh(store, lease_name)
 
 
 def _is_root(name: str) -> bool:
@@ -110,11 +135,23 @@ def _root(store: Store, name: str, leased: bool) -> Root:
 def _fresh(store: Store, name: str) -> bool:
     try:
         told = json.loads(store.fs.cat_file(f"{store.root}/{FOLDER}/{name}"))
+        if told["host"] == socket.gethostname() and not _runs(int(told["pid"])):
+            return False
         return bool(time.time() - float(told["time"]) < STALE)
     except FileNotFoundError:
         return False
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return True  # being written just now, or damaged: then it rather counts
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True  # another user's
+    return True
 
 
 def _put(store: Store, name: str, value: dict[str, Any]) -> None:

@@ -1,0 +1,97 @@
+"""Claims: two runs on one store say which artifact each is making, so that neither makes the other's as well.
+
+Advisory: `.claims/<stage>-<recipe>` holds the name of the lease of the run that makes it, and stands only while that
+lease does. The store stays the truth. Whatever goes wrong with claims (a full disk, an object store, which has none)
+means "no claims": then an artifact may be made twice, and is the same both times.
+"""
+
+from __future__ import annotations
+
+import uuid
+from contextlib import suppress
+from pathlib import Path
+
+from b23d.pipeline.roots import alive
+from b23d.pipeline.store import Store
+
+FOLDER = ".claims"
+
+
+class Claims:
+    """The claims of one run, which holds the lease `lease`."""
+
+    def __init__(self, store: Store, lease: str) -> None:
+        self.store, self.lease = store, lease
+        self._taken: set[Path] = set()
+
+    def take(self, stage: str, recipe: str) -> bool:
+        """Claim an artifact. False: another run that is going on makes it just now."""
+        if not self.store.local:
+            return True
+        path = self._path(stage, recipe)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return self._create(path) or (self._clear(path) and self._create(path)) or self._own(path)
+        except OSError:
+            return True
+
+    def release(self, stage: str, recipe: str) -> None:
+        """The artifact is made, or failed."""
+        self._drop(self._path(stage, recipe))
+
+    def release_all(self) -> None:
+        for path in list(self._taken):
+            self._drop(path)
+
+    def taken_elsewhere(self, stage: str, recipe: str) -> bool:
+        """Whether another run that is going on still claims it."""
+        holder = _holder(self._path(stage, recipe))
+        return holder not in (None, self.lease) and alive(self.store, str(holder))
+
+    def _path(self, stage: str, recipe: str) -> Path:
+        return Path(self.store.root, FOLDER, f"{stage}-{recipe}")
+
+    def _create(self, path: Path) -> bool:
+        """Written aside and linked into place: it is there whole or not at all, and never in place of another."""
+        aside = path.with_name(f"{uuid.uuid4().hex}.new")
+        try:
+            aside.write_text(self.lease)
+            path.hardlink_to(aside)
+        except FileExistsError:
+            return False
+        finally:
+            aside.unlink(missing_ok=True)
+        self._taken.add(path)
+        return True
+
+    def _clear(self, path: Path) -> bool:
+        """Put a killed run's claim aside; of several that try, one succeeds."""
+        holder = _holder(path)
+        if holder is not None and alive(self.store, holder):
+            return False
+        aside = path.with_name(f"{uuid.uuid4().hex}.old")
+        try:
+            path.rename(aside)
+        except FileNotFoundError:
+            return True
+        if _holder(aside) != holder:  # a living run's, made in between
+            with suppress(FileExistsError):
+                path.hardlink_to(aside)
+        aside.unlink(missing_ok=True)
+        return True
+
+    def _own(self, path: Path) -> bool:
+        return _holder(path) == self.lease
+
+    def _drop(self, path: Path) -> None:
+        if path in self._taken:
+            self._taken.discard(path)
+            with suppress(OSError):
+                path.unlink()
+
+
+def _holder(path: Path) -> str | None:
+    try:
+        return path.read_text()
+    except (OSError, UnicodeDecodeError):
+        return None
