@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from typing import Any
 
 from b23d.pipeline.errors import NotAStoreError
@@ -46,17 +47,17 @@ def mark(fs: Any, root: str) -> None:
         fs.pipe_file(f"{root}/{MARKER}", json.dumps({"what": "a store of b23d", "format": FORMAT}).encode())
 
 
-def looks_like_a_store(fs: Any, root: str, head: str) -> bool:
-    """Whether an unmarked folder is laid out as a store: `<stage>/<2 hex>/<62 hex>/zarr.json` somewhere."""
-    return any(
-        fs.exists(f"{root}/{stage}/{fan}/{rest}/{head}")
-        for stage in names(fs, root)
-        if STAGE.fullmatch(stage)
-        for fan in names(fs, f"{root}/{stage}")
-        if FAN.fullmatch(fan)
-        for rest in names(fs, f"{root}/{stage}/{fan}")
-        if REST.fullmatch(rest)
-    )
+def stages_in(fs: Any, root: str, head: str) -> Iterator[str]:
+    """Stages that have artifacts: `<stage>/<2 hex>/<62 hex>/<head>` is there."""
+    for stage in names(fs, root):
+        if STAGE.fullmatch(stage) and any(
+            fs.exists(f"{root}/{stage}/{fan}/{rest}/{head}")
+            for fan in names(fs, f"{root}/{stage}")
+            if FAN.fullmatch(fan)
+            for rest in names(fs, f"{root}/{stage}/{fan}")
+            if REST.fullmatch(rest)
+        ):
+            yield stage
 
 
 def names(fs: Any, folder: str) -> list[str]:

@@ -32,7 +32,7 @@ from b23d.pipeline.errors import (
 )
 from b23d.pipeline.filesystem import open_filesystem
 from b23d.pipeline.head import UNREADABLE, ArrayHead, Head, parse_head
-from b23d.pipeline.marker import FAN, REST, STAGE, check_format, looks_like_a_store, mark, names, store_format
+from b23d.pipeline.marker import FAN, REST, check_format, mark, stages_in, store_format
 from b23d.pipeline.zarr_format import chunk_key, decode
 from b23d.schemas.artifact import Artifact
 
@@ -66,7 +66,7 @@ class Store:
     def check_is_store(self) -> None:
         """Raises NotAStoreError where there is no store."""
         self.check_format()
-        if store_format(self.fs, self.root) is None and not looks_like_a_store(self.fs, self.root, HEAD):
+        if store_format(self.fs, self.root) is None and not self.stages():
             raise NotAStoreError(f"store: expected a store at {self.url}, got none; give one with --store")
 
     def check_writable(self) -> None:
@@ -100,7 +100,7 @@ class Store:
 
     def stages(self) -> list[str]:
         """Stages that have artifacts."""
-        return [name for name in names(self.fs, self.root) if STAGE.fullmatch(name) and self._has_fans(name)]
+        return list(stages_in(self.fs, self.root, HEAD))
 
     def has(self, stage: str, address: str) -> bool:
         return bool(self.fs.exists(f"{self.path(stage, address)}/{HEAD}"))
@@ -182,9 +182,6 @@ class Store:
             with contextlib.suppress(OSError):
                 if path.name.startswith(GONE) or time.time() - path.stat().st_mtime > older_than:
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-    def _has_fans(self, stage: str) -> bool:
-        return any(FAN.fullmatch(name) for name in names(self.fs, f"{self.root}/{stage}"))
 
     def _publish_local(self, stage: str, address: str, files: dict[str, bytes], head: bytes) -> None:
         final, aside = Path(self.path(stage, address)), Path(self.root, WRITING, uuid.uuid4().hex)

@@ -137,7 +137,8 @@ def run_task(task: Task) -> Outcome:
 
 def failure_of(task: Task, error: BaseException) -> Failure:
     permanent = not isinstance(error, MemoryError | OSError) or isinstance(error, FileNotFoundError)
-    text = f"{type(error).__name__}: {naming(task.shape, str(error))}"
+    at_fault = str(error) if isinstance(error, StoreError) else naming(task.shape, str(error))
+    text = f"{type(error).__name__}: {at_fault}"
     told, damaged = "".join(traceback.format_exception(error)), _damaged(error)
     return Failure(
         task.stage,
