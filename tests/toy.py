@@ -117,3 +117,42 @@ def make_toy(folder: Path, count: int = 6, extra: str = "") -> Path:
     path = folder / "toy.toml"
     path.write_text(RUN.format(store=folder / "store") + extra)
     return path
+
+
+@dataset("idle")
+class Idle(Dataset):
+    """Shapes that are numbers, for stages that do nothing: what is left is the engine."""
+
+    kind: Literal["idle"]
+    count: int = 1
+
+    def shapes(self) -> list[Shape]:
+        leaf = [Leaf(load_answer, values={"answer": i}) for i in range(self.count)]
+        return [Shape(f"s{i}", "idle", {"numbers": leaf[i]}) for i in range(self.count)]
+
+
+class IdleParams(Params):
+    """Of stages that give what they get."""
+
+
+def _idle(name: str, upstream: str) -> None:
+    def function(**given: Any) -> Numbers:
+        return Numbers(values=given[upstream].values + 1)
+
+    function.__name__ = name
+    function.__annotations__ = {upstream: Numbers, "params": IdleParams, "return": Numbers}
+    stage(version=1)(function)
+
+
+for _i in range(8):
+    _idle(f"idle{_i}", f"idle{_i - 1}" if _i else "numbers")
+
+
+def make_idle(folder: Path, count: int, store: str = "store") -> Path:
+    """A run file of eight stages in a chain that do nothing, over `count` shapes."""
+    path = folder / f"idle-{count}.toml"
+    path.write_text(
+        f'name = "idle"\noutputs = ["idle7"]\n[dataset]\nkind = "idle"\ncount = {count}\n'
+        f'[store]\nroot = "{folder / store}"\n'
+    )
+    return path
