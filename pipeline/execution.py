@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from b23d.pipeline.batches import Batches
 from b23d.pipeline.errors import StoreError
 from b23d.pipeline.frontier import Frontier
 from b23d.pipeline.index import Failure, Given
@@ -120,8 +121,9 @@ class RunLoop:
         frontier = Frontier(plan)
         for stage, recipe in self._tried:
             frontier.failed(stage, recipe)
-        tasks = self._tasks(plan, frontier)
-        for outcome in executor.run(lambda: next(tasks, None)):
+        batches = Batches(frontier, executor.lane)
+        for outcome in executor.run(lambda slots: self._batch(batches, slots)):
+            batches.heard(outcome)
             if outcome.failure is None:
                 self._done(outcome)
                 frontier.done(outcome.stage, outcome.address)
@@ -132,13 +134,12 @@ class RunLoop:
                 self._failed(outcome.failure)
             self.watch(plan, outcome)
 
-    def _tasks(self, plan: Plan, frontier: Frontier) -> Iterator[Task | None]:
-        """Ready tasks; None where none is ready just now."""
-        while True:
-            node = frontier.pop()
-            while node is not None and (node.stage, node.recipe) in self._tried:
-                node = frontier.pop()
-            yield None if node is None else make_task(node, self.run.config.params, self.run.store.url)
+    def _batch(self, batches: Batches, slots: int) -> list[Task]:
+        """Tasks that go to a worker together; none: nothing is ready just now."""
+        while nodes := batches.next(slots):
+            if nodes := [node for node in nodes if (node.stage, node.recipe) not in self._tried]:
+                return [make_task(node, self.run.config.params, self.run.store.url) for node in nodes]
+        return []
 
     def _done(self, outcome: Outcome) -> None:
         self.report.done.append(outcome)

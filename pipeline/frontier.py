@@ -19,6 +19,7 @@ class Frontier:
         self._below: dict[tuple[str, str], list[Node]] = defaultdict(list)
         self._ready: list[tuple[tuple[int, int], Node]] = []
         self._blocked: set[tuple[str, str]] = set()
+        self._handed: set[tuple[str, str]] = set()  # given out behind what they wait for
         for node in plan.to_run():
             above = set(_needed(node))
             self._waiting[node.stage, node.recipe] = len(above)
@@ -30,11 +31,33 @@ class Frontier:
     def pop(self) -> Node | None:
         return heapq.heappop(self._ready)[1] if self._ready else None
 
+    def peek(self) -> Node | None:
+        return self._ready[0][1] if self._ready else None
+
+    def __len__(self) -> int:
+        """How many are ready."""
+        return len(self._ready)
+
+    def followers(self, node: Node, before: set[tuple[str, str]]) -> list[Node]:
+        """What is ready once all of `before` is done, `node` last."""
+        return [
+            below
+            for below in self._below.get((node.stage, node.recipe), [])
+            if (key := (below.stage, below.recipe)) not in before
+            and key not in self._blocked
+            and key not in self._handed
+            and len(set(_needed(below)) & before) == self._waiting[key]
+        ]
+
+    def hand_out(self, node: Node) -> None:
+        """Give a node out before it is ready, behind what it waits for."""
+        self._handed.add((node.stage, node.recipe))
+
     def done(self, stage: str, address: str) -> None:
         for node in self._below.pop((stage, address), []):
             key = (node.stage, node.recipe)
             self._waiting[key] -= 1
-            if self._waiting[key] == 0 and key not in self._blocked:
+            if self._waiting[key] == 0 and key not in self._blocked and key not in self._handed:
                 self._push(node)
 
     def failed(self, stage: str, address: str) -> list[Node]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 import uuid
+from collections import deque
 from collections.abc import Callable, Iterator
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
@@ -16,18 +17,23 @@ from b23d.pipeline.cluster import Cluster
 from b23d.pipeline.errors import ClusterError, ResourceError
 from b23d.pipeline.index import Failure
 from b23d.pipeline.stage import Hints
-from b23d.pipeline.tasks import Outcome, Task, run_task
+from b23d.pipeline.tasks import Outcome, Task, run_batch, run_tasks
 from b23d.schemas.runfile import Execution
 
 PULSE = 1.0  # seconds without an outcome before the cluster is asked whether it is still there
+NextBatch = Callable[[int], list[Task]]
 
 
 class Executor(Protocol):
     address: str
 
-    def run(self, next_task: Callable[[], Task | None]) -> Iterator[Outcome]:
-        """Yield outcomes as they come, asking `next_task` for more whenever there is room; None: nothing is ready
-        now."""
+    def run(self, next_batch: NextBatch) -> Iterator[Outcome]:
+        """Yield outcomes as they come, asking `next_batch` for more whenever there is room. It is given the number of
+        workers, and gives tasks in the order to do them in; none: nothing is ready now."""
+        ...
+
+    def lane(self, stage: str) -> object:
+        """Tasks of one batch are of one lane: they need the same resources."""
         ...
 
     def close(self, at_once: bool = False) -> None:
@@ -40,9 +46,12 @@ class InlineExecutor:
 
     address = "this process"
 
-    def run(self, next_task: Callable[[], Task | None]) -> Iterator[Outcome]:
-        while (task := next_task()) is not None:
-            yield run_task(task)
+    def run(self, next_batch: NextBatch) -> Iterator[Outcome]:
+        while batch := next_batch(1):
+            yield from run_tasks(batch)
+
+    def lane(self, stage: str) -> object:
+        return None
 
     def close(self, at_once: bool = False) -> None:
         pass
@@ -73,55 +82,64 @@ class DaskExecutor:
                 time.sleep(PULSE / 4)
                 self._cluster.missing([])
 
-    def run(self, next_task: Callable[[], Task | None]) -> Iterator[Outcome]:
-        running: dict[str, Task] = {}
+    def run(self, next_batch: NextBatch) -> Iterator[Outcome]:
+        running: dict[str, list[Task]] = {}
         finished: SimpleQueue[Any] = SimpleQueue()
-        again: list[Task] = []  # lost with the connection to the scheduler
-        suspects: list[Task] = []  # were on a worker that died; each runs again alone, so that the guilty one is known
-        alone: Task | None = None
+        again: list[list[Task]] = []  # lost with the connection to the scheduler
+        suspects: deque[Task] = deque()  # were with a worker that died; each runs again alone, to know the guilty one
+        lost: set[tuple[str, str]] = set()  # of suspects: what failed, and what would have needed it
+        alone = False
 
-        def submit(task: Task) -> None:
-            key = f"{task.stage}-{task.address}-{uuid.uuid4().hex[:8]}"
+        def submit(batch: list[Task]) -> None:
+            key = f"{batch[0].stage}-{batch[0].address}-{uuid.uuid4().hex[:8]}"
             future = self._cluster.client.submit(
-                run_task, task, key=key, pure=False, resources=self._resources(task.stage) or None
+                run_batch, batch, key=key, pure=False, resources=self._resources(batch[0].stage) or None
             )
-            running[key] = task
+            running[key] = batch
             future.add_done_callback(finished.put)
 
         def room() -> bool:
-            # two tasks a thread: a worker never waits for this process
-            free = not suspects and alone is None and len(running) < 2 * self._cluster.slots
+            # two batches a thread: a worker never waits for this process
+            free = not suspects and not alone and len(running) < 2 * self._cluster.slots
             return free and self._cluster.connected
 
         while True:
-            while room() and (task := again.pop() if again else next_task()) is not None:
-                submit(task)
+            while room() and (batch := again.pop() if again else next_batch(self._cluster.slots)):
+                submit(batch)
             if not running and suspects and self._cluster.connected:
-                submit(alone := suspects.pop())
+                if (task := suspects.popleft()).stored_inputs() & lost:
+                    lost.add((task.stage, task.address))
+                    continue
+                submit([task])
+                alone = True
             if not running and not suspects and not again:
-                if (task := next_task()) is None:
+                if not (batch := next_batch(max(1, self._cluster.slots))):
                     return
-                again.append(task)
+                again.append(batch)
             try:
                 future = finished.get(timeout=PULSE)
             except Empty:
-                self._check(list(running.values()))
+                self._check([task for batch in running.values() for task in batch])
                 continue
             self._missing_since = None
-            task = running.pop(str(future.key))
-            outcome, error = _result(future)
-            if outcome is not None:
-                yield outcome
-            elif error is None:
-                again.append(task)
-            else:
+            batch = running.pop(str(future.key))
+            outcomes, error = _result(future)
+            if error is not None:
                 self._cluster.check_death(error)
-                if task is alone:
-                    yield _lost(task, error)
+                if alone:
+                    outcomes = [_lost(batch[0], error)]
                 else:
-                    suspects.append(task)
-            alone = None if task is alone else alone
+                    suspects.extend(batch)
+            elif outcomes is None:
+                again.append(batch)
+            if alone and outcomes:
+                lost.update((outcome.stage, outcome.address) for outcome in outcomes if outcome.failure)
+            alone = False
+            yield from outcomes or []
             future.release()
+
+    def lane(self, stage: str) -> object:
+        return tuple(self._resources(stage, check=False).items())
 
     def close(self, at_once: bool = False) -> None:
         self._cluster.close(at_once)
@@ -150,8 +168,8 @@ class DaskExecutor:
         return {"gpu": amount} if amount else {}
 
 
-def _result(future: Any) -> tuple[Outcome | None, BaseException | None]:
-    """(outcome, None), or (None, what happened instead); neither where it was lost on its way: to be run again."""
+def _result(future: Any) -> tuple[list[Outcome] | None, BaseException | None]:
+    """(outcomes, None), or (None, what happened instead); neither where it was lost on its way: to be run again."""
     from distributed import CancelledError
 
     try:

@@ -4,15 +4,18 @@ store."""
 from __future__ import annotations
 
 import contextlib
+import json
 import resource
 import time
 import traceback
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from b23d.pipeline.dataset import Leaf
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
@@ -68,6 +71,16 @@ class Task:
             for name, item in self.inputs.items()
         }
 
+    def stored_inputs(self) -> set[tuple[str, str]]:
+        """(stage, address) of what must be in the store before, of transient stages' inputs too."""
+        found = set()
+        for task in (self, *self.nested()):
+            for item in task.inputs.values():
+                for each in item if isinstance(item, list) else [item]:
+                    if isinstance(each, Stored):
+                        found.add((each.stage, each.address))
+        return found
+
     def nested(self) -> Iterator[Task]:
         """The transient tasks that run inside this one."""
         for item in self.inputs.values():
@@ -116,8 +129,32 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
     )
 
 
-def run_task(task: Task) -> Outcome:
-    """Make and publish one artifact. Never raises: what goes wrong comes back as the outcome's failure."""
+def run_batch(tasks: Sequence[Task]) -> list[Outcome]:
+    return list(run_tasks(tasks))
+
+
+def run_tasks(tasks: Sequence[Task]) -> Iterator[Outcome]:
+    """One after the other; what one has made is at hand for the next. What needs a failed one is left out."""
+    wanted = [task.stored_inputs() for task in tasks]
+    failed: set[tuple[str, str]] = set()
+    _MADE.clear()
+    for place, task in enumerate(tasks):
+        key = (task.stage, task.address)
+        if failed & wanted[place]:
+            failed.add(key)
+            continue
+        later = set().union(*wanted[place + 1 :])
+        outcome = run_task(task, keep=key in later)
+        if outcome.failure is not None:
+            failed.add(key)
+        for done in _MADE.keys() - later:
+            del _MADE[done]
+        yield outcome
+
+
+def run_task(task: Task, keep: bool = False) -> Outcome:
+    """Make and publish one artifact. Never raises: what goes wrong comes back as the outcome's failure. `keep`: hold it
+    in memory, too."""
     started = time.perf_counter()
     store = _store(task.store)
     clock = _Clock()
@@ -126,6 +163,8 @@ def run_task(task: Task) -> Outcome:
         artifact = _compute(task, store, clock, {})
         made = provenance(task, clock.seconds, peak_mb())
         stored, content = store.write(task.stage, task.address, artifact, made, task.key)
+        if keep:
+            _MADE[task.stage, task.address] = artifact
         overhead = time.perf_counter() - started - clock.seconds
         return Outcome(
             task.stage, task.address, task.shape, clock.seconds, overhead, stored, peak_mb(), content, task.key
@@ -209,8 +248,20 @@ _KEPT: OrderedDict[tuple[str, str], Artifact] = OrderedDict()
 KEEP = 16  # shots of a few classes and draws; each holds at most a feature and a distance matrix, about 10 MB
 
 
+_MADE: dict[tuple[str, str], Artifact] = {}  # by this batch, and wanted in it again
+
+
+def _as_stored(artifact: Artifact, schema: type[Artifact]) -> Artifact:
+    """What reading it from the store would give, so that a batch changes no result: JSON values, arrays in C order."""
+    arrays = {name: np.ascontiguousarray(value) for name, value in artifact.present_arrays().items()}
+    values = json.loads(json.dumps(artifact.plain_fields()))
+    return schema.lazy(values, set(arrays), arrays.__getitem__)
+
+
 def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
     key = (item.stage, item.address)
+    if key in _MADE:
+        return _as_stored(_MADE[key], schema)
     if key in _KEPT:
         _KEPT.move_to_end(key)
         return _KEPT[key]
