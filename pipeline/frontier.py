@@ -21,7 +21,7 @@ class Frontier:
         self._blocked: set[tuple[str, str]] = set()
         self._handed: set[tuple[str, str]] = set()  # given out behind what they wait for
         for node in plan.to_run():
-            above = set(_needed(node))
+            above = set(needed(node))
             self._waiting[node.stage, node.recipe] = len(above)
             for key in above:
                 self._below[key].append(node)
@@ -46,7 +46,7 @@ class Frontier:
             if (key := (below.stage, below.recipe)) not in before
             and key not in self._blocked
             and key not in self._handed
-            and len(set(_needed(below)) & before) == self._waiting[key]
+            and len(set(needed(below)) & before) == self._waiting[key]
         ]
 
     def hand_out(self, node: Node) -> None:
@@ -77,12 +77,12 @@ class Frontier:
         heapq.heappush(self._ready, (self._key[node.stage, node.recipe], node))
 
 
-def _needed(node: Node) -> Iterator[tuple[str, str]]:
+def needed(node: Node) -> Iterator[tuple[str, str]]:
     """Stored artifacts that must exist before this node can run, looking through transient stages."""
     for above in node.upstream():
         if isinstance(above, LeafNode) or above.state is State.CACHED:
             continue
         if above.state is State.TRANSIENT:
-            yield from _needed(above)
+            yield from needed(above)
         else:
             yield above.stage, above.recipe

@@ -251,7 +251,7 @@ KEEP = 16  # shots of a few classes and draws; each holds at most a feature and 
 _MADE: dict[tuple[str, str], Artifact] = {}  # by this batch, and wanted in it again
 
 
-def _as_stored(artifact: Artifact, schema: type[Artifact]) -> Artifact:
+def as_stored(artifact: Artifact, schema: type[Artifact]) -> Artifact:
     """What reading it from the store would give, so that a batch changes no result: JSON values, arrays in C order."""
     arrays = {name: np.ascontiguousarray(value) for name, value in artifact.present_arrays().items()}
     values = json.loads(json.dumps(artifact.plain_fields()))
@@ -261,7 +261,7 @@ def _as_stored(artifact: Artifact, schema: type[Artifact]) -> Artifact:
 def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
     key = (item.stage, item.address)
     if key in _MADE:
-        return _as_stored(_MADE[key], schema)
+        return as_stored(_MADE[key], schema)
     if key in _KEPT:
         _KEPT.move_to_end(key)
         return _KEPT[key]
