@@ -18,6 +18,7 @@ from b23d.pipeline.verbs.log import log
 from b23d.pipeline.verbs.plan import plan
 from b23d.pipeline.verbs.run import run
 from b23d.pipeline.verbs.show import show
+from b23d.pipeline.verbs.status import status
 from b23d.pipeline.verbs.terminal import debug as debugging
 from b23d.pipeline.verbs.trying import try_
 from b23d.pipeline.verbs.verb import Verb
@@ -31,7 +32,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.",
 )
-for verb in (run, plan, show, explain, try_, log, verify, gc):
+for verb in (run, plan, show, explain, try_, log, status, verify, gc):
     app.command(verb.__name__.rstrip("_"), cls=Verb)(verb)
 
 

@@ -2,7 +2,8 @@
 
 A shape that fails is quarantined and the rest goes on. A shot that cannot be used is replaced by the next in rank, what
 failed once and now succeeds frees what was blocked behind it, and a damaged input is set aside to be made again: each
-time the plan is made anew. Only a store that fails stops everything: that would happen to every shape in turn.
+time the plan is made anew. What another run makes just now is left to it. Only a store that fails stops everything:
+that would happen to every shape in turn.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from b23d.pipeline.batches import Batches
 from b23d.pipeline.errors import StoreError
@@ -23,6 +24,7 @@ from b23d.pipeline.plan import Node, Plan, State
 from b23d.pipeline.roots import lease, note_root
 from b23d.pipeline.scheduler import Executor
 from b23d.pipeline.selection import EVERYTHING, Selection
+from b23d.pipeline.sharing import Sharing
 from b23d.pipeline.tasks import Outcome, Task, make_task
 
 if TYPE_CHECKING:
@@ -40,6 +42,8 @@ class Report:
     failures: list[Failure] = field(default_factory=list)
     blocked: int = 0
     """Tasks that could not be tried, for what failed above them."""
+    elsewhere: int = 0
+    """Artifacts that another run made meanwhile."""
     record: str = ""
     """Id of the record that this execution has left (see `pipeline/history.py`)."""
 
@@ -66,14 +70,20 @@ class RunLoop:
         """What was damaged and is made again → in which round."""
         self._round = 0
         self._whole = False
+        self._total, self._started = 0, time.perf_counter()
+        self._running: dict[tuple[str, str], str] = {}
+        """What workers have in hand, in words."""
 
     def go(self, make_executor: Callable[[], Executor]) -> tuple[Plan, Report]:
         """Raises StoreError where the store fails; what is finished is stored."""
-        started, executor = time.perf_counter(), None
+        self._started, executor = time.perf_counter(), None
         plan = self.run.plan(self.selection)
         with ExitStack() as stack:
-            stack.enter_context(lease(self.run.store, self._note(plan)))
-            while self._left(plan):
+            held = stack.enter_context(lease(self.run.store, self._note(plan), self._progress))
+            self._sharing = Sharing(self.run.store, held)
+            stack.callback(self._sharing.end)
+            while left := self._left(plan):
+                self._total = len(self.report.done) + len(left)
                 if executor is None:
                     executor = make_executor()
                     stack.callback(self._close, executor)
@@ -81,12 +91,13 @@ class RunLoop:
                 self._round += 1
                 before = len(self.report.done) + len(self._tried) + len(self._healed)
                 self._do(plan, executor)
+                waited = self._sharing.wait()
                 self.selection = replace(self.selection, force=False)
                 again = self.run.plan(self.selection)
                 if again.nodes.keys() != plan.nodes.keys():
                     self._note(again)
                 plan = again
-                if before == len(self.report.done) + len(self._tried) + len(self._healed):
+                if not waited and before == len(self.report.done) + len(self._tried) + len(self._healed):
                     break  # what is left waits for what has failed
             self._whole = True
         known = {failure.address for failure in self.report.failures}
@@ -95,8 +106,21 @@ class RunLoop:
         ]
         blocked = sum(node.state is State.BLOCKED for node in plan.nodes.values())
         self.report.blocked = blocked + len(self._left(plan))
-        self.report.seconds = time.perf_counter() - started
+        self.report.elsewhere = self._sharing.given
+        self.report.seconds = time.perf_counter() - self._started
         return plan, self.report
+
+    def _progress(self) -> dict[str, Any]:
+        """How far this execution is, for whoever asks `b23d status`."""
+        return {
+            "run": self.run.name,
+            "overrides": list(self.run.config.overrides),
+            "done": len(self.report.done),
+            "total": self._total,
+            "failed": len(self.report.failures),
+            "seconds": round(time.perf_counter() - self._started, 1),
+            "running": list(self._running.values()),
+        }
 
     def _close(self, executor: Executor) -> None:
         executor.close(at_once=not self._whole)
@@ -124,6 +148,8 @@ class RunLoop:
         batches = Batches(frontier, executor.lane)
         for outcome in executor.run(lambda slots: self._batch(batches, slots)):
             batches.heard(outcome)
+            self._running.pop((outcome.stage, outcome.address), None)
+            self._sharing.release(outcome.stage, outcome.address)
             if outcome.failure is None:
                 self._done(outcome)
                 frontier.done(outcome.stage, outcome.address)
@@ -137,7 +163,9 @@ class RunLoop:
     def _batch(self, batches: Batches, slots: int) -> list[Task]:
         """Tasks that go to a worker together; none: nothing is ready just now."""
         while nodes := batches.next(slots):
-            if nodes := [node for node in nodes if (node.stage, node.recipe) not in self._tried]:
+            untried = [node for node in nodes if (node.stage, node.recipe) not in self._tried]
+            if nodes := self._sharing.ours(untried):
+                self._running.update({(node.stage, node.recipe): f"{node.stage} of {node.shape}" for node in nodes})
                 return [make_task(node, self.run.config.params, self.run.store.url) for node in nodes]
         return []
 
