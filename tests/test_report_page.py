@@ -141,7 +141,9 @@ def test_a_clicked_point_shows_the_distances_that_are_stored(page: Page) -> None
     stored = mixed().artifact("egg/e0", "geodesic")
     assert isinstance(stored, GeodesicDistances)
     row = stored.distances[17].astype(float)
-    assert np.abs(np.array(shown) - row).max() <= float(stored.distances.max()) / 255
+    spacing = float(np.sort(stored.distances.astype(float), axis=1)[:, 6].max())  # all landmarks of a point lie so near
+    assert np.abs(np.array(shown) - row).max() <= 2 * spacing + float(stored.distances.max()) / 255
+    assert shown[17] == 0
     before = page.colors()
     page.click_point(0, 90)
     page.painted("geodesic 0:90")

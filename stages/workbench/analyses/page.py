@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -11,18 +12,17 @@ import pandas as pd
 
 from b23d.stages.workbench.analyses.interface import Chart, ExecutedMember, Pictures, Result
 from b23d.stages.workbench.pictures.coloring import PLASMA
-from b23d.stages.workbench.pictures.packing import data_uri
+from b23d.stages.workbench.pictures.packing import as_json, data_uri, packed_plotly
 from b23d.stages.workbench.pictures.painting import webp
 
 HERE = Path(__file__).parent
-STYLE = HERE.parent / "report" / "static" / "report.css"
+STATIC = HERE.parent / "report" / "static"
 
 
 def render_page(name: str, source: str, parts: list[ExecutedMember], result: Result, paper: str) -> str:
     """The page. `source`: the run file's name with its overrides; `paper`: what is quoted, or ""."""
     from jinja2 import Environment, FileSystemLoader
     from markupsafe import Markup
-    from plotly.offline import get_plotlyjs
 
     run = parts[0].run
     encoder = getattr(run.config.params.get("extract"), "encoder", None)
@@ -32,7 +32,7 @@ def render_page(name: str, source: str, parts: list[ExecutedMember], result: Res
         encoder,
         f"{len(parts)} runs" if len(parts) > 1 else None,
     ]
-    charts = any(isinstance(block, Chart) for block in result.blocks)
+    charts = {str(i): _figure(block) for i, block in enumerate(result.blocks) if isinstance(block, Chart)}
     environment = Environment(
         loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -41,8 +41,10 @@ def render_page(name: str, source: str, parts: list[ExecutedMember], result: Res
     return environment.get_template("analysis.html").render(
         name=name, line=" · ".join(word for word in words if word), result=result, paper=paper, source=source,
         columns=columns, rows=cells(result.table),
-        blocks=[_block(block) for block in result.blocks], style=Markup(STYLE.read_text()),
-        plotly=Markup(get_plotlyjs()) if charts else "",
+        blocks=[_block(str(i), block) for i, block in enumerate(result.blocks)], style=_static("report.css"),
+        theme_script=_static("theme.js"), script=_static("library.js") + _static("figures.js"),
+        data=Markup(as_json({"figures": charts})),
+        plotly=packed_plotly() if charts else "",
         plasma=", ".join(f"rgb({r}, {g}, {b})" for r, g, b in PLASMA), version=version("b23d"),
         made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
     )  # fmt: skip
@@ -61,14 +63,19 @@ def _column(values: pd.Series) -> list[str]:
     return ["–" if pd.isna(value) else f"{value:.0f}" if whole else f"{value:.3f}" for value in values]
 
 
-def _block(block: Chart | Pictures) -> dict[str, Any]:
+def _static(name: str) -> Any:
     from markupsafe import Markup
 
+    return Markup((STATIC / name).read_text())
+
+
+def _figure(block: Chart) -> Any:
+    return json.loads(str(block.figure.to_json()))
+
+
+def _block(key: str, block: Chart | Pictures) -> dict[str, Any]:
     if isinstance(block, Chart):
-        drawn = block.figure.to_html(
-            full_html=False, include_plotlyjs=False, config={"displaylogo": False, "responsive": True}
-        )
-        return {"chart": Markup(drawn), "caption": block.caption}
+        return {"chart": key, "caption": block.caption, "height": block.figure.layout.height or 430}
     lines = [
         {
             "label": label,

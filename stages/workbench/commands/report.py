@@ -31,11 +31,11 @@ def report(
         typer.Option(
             "--inline/--beside",
             show_default=False,
-            help="3D views in the page, or in files beside. Default: in it below 8 MB.",
+            help="3D views in the page, or in files beside. Default: in it below 25 MB.",
         ),
     ] = None,
     details: Annotated[
-        int, typer.Option(min=0, metavar="N", help="At most N shapes with a 3D view (about 1 MB each).")
+        int, typer.Option(min=0, metavar="N", help="At most N shapes with a 3D view (about 0.12 MB each).")
     ] = 500,
 ) -> None:
     """One HTML page: score curves, a table of shapes, 3D views with keypoints and features, stage timings, failures.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.workbench.pictures.packing import pack
+from b23d.stages.workbench.pictures.packing import curve_order, pack, pack_places
 
-FACES = 20_000  # a page draws this many without delay; they take some 200 kB
+FACES = 5_000  # as fine as candidates colour them; they take some 30 kB of a page
 EDGE = (
     0.03  # unit frame; longer edges are divided, so that colours at vertices follow candidates, which lie 0.015 apart
 )
@@ -47,23 +47,28 @@ def surface_of(shape: NormalizedShape, limit: int = FACES) -> PageSurface | None
     return PageSurface(found[0].astype(np.float32), found[1].astype(np.int32), coarse)
 
 
-def pack_surface(surface: PageSurface, points: np.ndarray) -> dict[str, Any]:
-    """The surface as packed arrays: vertices as 16-bit steps from `low`, `nearest`: each vertex's nearest point of (n,
-    3)."""
-    from scipy.spatial import cKDTree
-
-    low, side = surface.vertices.min(axis=0), float(np.ptp(surface.vertices, axis=0).max()) or 1.0
-    steps = np.round((surface.vertices - low) / side * 65535).astype(np.uint16)
-    index = np.uint16 if len(steps) <= 65535 else np.int32
-    _, nearest = cKDTree(points).query(surface.vertices)
+def pack_surface(surface: PageSurface) -> dict[str, Any]:
+    """The surface as packed arrays. Vertices are in the order in which faces first use them; `faces` says how far each
+    corner lies below the next vertex to come (0: it is that vertex), which packs small."""
+    ordered = _by_first_use(surface)
+    corners = ordered.faces.reshape(-1)
+    coming = 1 + np.maximum.accumulate(np.concatenate([[-1], corners]))[:-1]
+    index = np.uint16 if len(ordered.vertices) <= 65535 else np.int32
     return {
-        "low": [float(x) for x in low],
-        "side": side,
-        "vertices": pack(steps),
-        "faces": pack(surface.faces.astype(index)),
-        "nearest": pack(nearest.astype(np.uint16)),
+        "vertices": pack_places(ordered.vertices),
+        "faces": pack((coming - corners).astype(index)),
         "coarse": surface.coarse,
     }
+
+
+def _by_first_use(surface: PageSurface) -> PageSurface:
+    """The same surface with neighbours near each other in its arrays, which packs better."""
+    faces = surface.faces[curve_order(surface.vertices[surface.faces].mean(axis=1))]
+    used, first = np.unique(faces, return_index=True)
+    order = used[np.argsort(first)]
+    renumbered = np.empty(len(surface.vertices), np.int32)
+    renumbered[order] = np.arange(len(order))
+    return PageSurface(surface.vertices[order], renumbered[faces], surface.coarse)
 
 
 def point_normals(shape: NormalizedShape) -> np.ndarray:

@@ -22,8 +22,9 @@ from b23d.stages.scoring.quoted import (
     statements_of,
 )
 from b23d.stages.workbench.pictures.figures import MEAN, add_curve, add_quoted, curve_layout
+from b23d.stages.workbench.pictures.packing import as_json, packed_plotly
 from b23d.stages.workbench.pictures.palette import COLORS, class_color
-from b23d.stages.workbench.report.page import AT, as_json, few
+from b23d.stages.workbench.report.page import AT, few
 from b23d.stages.workbench.results.comparing import Comparison, System
 
 if TYPE_CHECKING:
@@ -48,7 +49,6 @@ def render_comparison(config: Config, comparison: Comparison) -> str:
     """The page."""
     from jinja2 import Environment, FileSystemLoader
     from markupsafe import Markup
-    from plotly.offline import get_plotlyjs
 
     groups = [_group(name, systems) for name, systems in comparison.groups().items()]
     data = {"figures": {group["key"]: group["figure"] for group in groups if group["figure"] is not None}}
@@ -62,8 +62,8 @@ def render_comparison(config: Config, comparison: Comparison) -> str:
         line=f"{config.dataset.kind} · {few(shots)} · {len(shown)} of {len(comparison.systems)} systems",
         unsaid=[statement for statement in STATEMENTS if statement not in said], systems=comparison.systems,
         style=Markup(_static("report.css")), theme_script=Markup(_static("theme.js")),
-        script=Markup(_static("comparison.js")),
-        plotly=Markup(get_plotlyjs()) if data["figures"] else "", data=Markup(as_json(data)), version=version("b23d"),
+        script=Markup(_static("library.js") + _static("figures.js")),
+        plotly=Markup(packed_plotly()) if data["figures"] else "", data=Markup(as_json(data)), version=version("b23d"),
         made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()), file=config.path.name,
         overrides="".join(f", --set {text}" for text in config.overrides),
     )  # fmt: skip

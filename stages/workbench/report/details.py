@@ -1,5 +1,4 @@
-"""What the 3D view of one shape needs, packed: about a megabyte for 2,048 candidates and a mesh of ten thousand
-faces."""
+"""What the 3D view of one shape needs, packed: some 100 kB for 2,048 candidates and a mesh."""
 
 from __future__ import annotations
 
@@ -9,15 +8,16 @@ import numpy as np
 
 from b23d.schemas.features import PointFeatures
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.workbench.pictures.packing import pack
+from b23d.stages.workbench.pictures.packing import curve_order, pack, pack_places
 from b23d.stages.workbench.pictures.painting import LIGHT
 from b23d.stages.workbench.pictures.principal import Basis
 from b23d.stages.workbench.pictures.surface import pack_surface, point_normals, surface_of
 from b23d.stages.workbench.report.distances import pack_distances
 from b23d.stages.workbench.results.gathering import Attempt, ShapeResults
-from b23d.stages.workbench.results.rows import iou, keypoint_errors
+from b23d.stages.workbench.results.matching import iou, keypoint_errors
 
-SHOWN = 2048  # candidates a view shows; distances grow with the square
+SHOWN = 2048  # candidates a view shows
+CHANNELS = 12  # principal components that similarities are taken of
 
 
 def details(entry: ShapeResults, basis: Basis | None) -> dict[str, Any]:
@@ -35,14 +35,15 @@ def details(entry: ShapeResults, basis: Basis | None) -> dict[str, Any]:
     surface = surface_of(shape)
     return {
         "name": entry.shape.name,
+        "category": entry.shape.category,
         "kind": shape.kind,
         "candidates": {"of": len(shape.points), "made": shape.candidates},
         "scale": shape.scale,
         "repairs": {name: count for name, count in shape.repairs.items() if count},
-        "points": pack(points),
+        "points": pack_places(points),
         "indices": pack(chosen.astype(np.int32)),
         "shade": pack(shade),
-        "surface": pack_surface(surface, points) if surface is not None else None,
+        "surface": pack_surface(surface) if surface is not None else None,
         **_features(entry.features, basis, len(shape.points), chosen),
         "distances": _distances(entry, chosen, points),
         "truth": _truth(entry),
@@ -53,7 +54,8 @@ def details(entry: ShapeResults, basis: Basis | None) -> dict[str, Any]:
 def _shown(shape: NormalizedShape) -> np.ndarray:
     from b23d.stages.geometry.sampling import farthest_points
 
-    return np.sort(farthest_points(shape.points, SHOWN))
+    chosen = farthest_points(shape.points, SHOWN)
+    return np.asarray(chosen[curve_order(shape.points[chosen])])  # neighbours near each other pack small
 
 
 def _features(features: PointFeatures | None, basis: Basis | None, n: int, chosen: np.ndarray) -> dict[str, Any]:
@@ -64,8 +66,13 @@ def _features(features: PointFeatures | None, basis: Basis | None, n: int, chose
     if basis is None:
         return {"features": None, "colors": None, **seen}
     projected = basis.project(features.features[chosen])
-    largest = float(np.abs(projected).max(initial=1e-12))  # directions matter, not lengths: float16 never overflows
-    return {"features": pack((projected / largest).astype(np.float16)), "colors": pack(basis.colors(projected)), **seen}
+    return {"features": pack(directions(projected[:, :CHANNELS])), "colors": pack(basis.colors(projected)), **seen}
+
+
+def directions(features: np.ndarray) -> np.ndarray:
+    """(n, c) int8: each row scaled so that its largest entry is 127; a cosine needs no length."""
+    largest = np.maximum(np.abs(features).max(axis=1, keepdims=True, initial=0), 1e-12)
+    return np.asarray(np.round(features * (127 / largest)).astype(np.int8))
 
 
 def _distances(entry: ShapeResults, chosen: np.ndarray, points: np.ndarray) -> dict[str, Any] | None:
@@ -86,8 +93,9 @@ def _truth(entry: ShapeResults) -> list[dict[str, Any]]:
 def _attempt(entry: ShapeResults, attempt: Attempt) -> dict[str, Any]:
     prediction, score = attempt.prediction, attempt.score
     errors = keypoint_errors(entry, attempt)
+    sure = [None] * len(prediction.ids) if prediction.confidence is None else prediction.confidence
     found = zip(
-        prediction.ids, prediction.points, prediction.positions, prediction.present, prediction.costs, strict=True
+        prediction.ids, prediction.points, prediction.positions, prediction.present, sure, prediction.costs, strict=True
     )
     keypoints = [
         {
@@ -95,10 +103,11 @@ def _attempt(entry: ShapeResults, attempt: Attempt) -> dict[str, Any]:
             "point": int(point),
             "at": _triple(at),
             "present": bool(here),
+            "confidence": None if confidence is None else _rounded(confidence),
             "cost": _rounded(cost),
             "error": errors.get(int(i)),
         }
-        for i, point, at, here, cost in found
+        for i, point, at, here, confidence, cost in found
     ]
     return {
         "draw": attempt.draw,

@@ -1,10 +1,9 @@
-"""All-pairs distances in half a megabyte: 8 bits each, the lower triangle, each entry told by how it differs from its
-neighbours.
+"""All-pairs distances in 30 kB: those between landmarks, 8 bits each, and how other points lie among them.
 
-With points in the order of a space-filling curve, rows and columns change slowly. Entry (i, j), j < i, is stored as
+With landmarks in the order of a space-filling curve, rows and columns change slowly. Entry (i, j), j < i, is stored as
 `D[i, j] - D[i, j-1] - D[i-1, j] + D[i-1, j-1]` modulo 256 (the gradient predictor of lossless image coding; entries
-left of column 0 and above row 0 count as 0), which zlib then shrinks about fourfold. Decoding is exact; only the 8 bits
-are not.
+left of column 0 and above row 0 count as 0), which zlib then shrinks about fourfold. The page takes a distance between
+two points as the mean over those of their landmarks, by weight: no farther off than the landmarks are from the points.
 """
 
 from __future__ import annotations
@@ -13,21 +12,53 @@ from typing import Any
 
 import numpy as np
 
-from b23d.stages.workbench.pictures.packing import pack
+from b23d.stages.workbench.pictures.packing import curve_order, pack
 
+LANDMARKS = 256
+NEAR = 3  # landmarks that a point lies among
 LEVELS = 255
-BITS = 10  # of each coordinate on the curve: far finer than candidates are apart
+FAR = 1e6  # in the place of infinite, so that a point which no path joins to any landmark has weights, too
 
 
 def pack_distances(distances: np.ndarray, points: np.ndarray) -> dict[str, Any]:
-    """`{"order", "largest", "residuals"}` of symmetric distances (n, n) between points (n, 3), n < 65,536.
+    """Symmetric distances (n, n) between points (n, 3), for `static/details.js`.
 
-    A step of the stored values is `largest / 255`; pairs that no path joins count as the largest finite distance.
+    `residuals` are steps of `largest` / 255; `near` are the (n, 3) landmarks of every point, `weights` theirs, sum 255.
+
+    Pairs that no path joins count as the largest finite distance.
     """
-    order = curve_order(points)
-    levels, largest = quantise(distances)
-    residuals = encode(levels[np.ix_(order, order)])
-    return {"order": pack(order.astype(np.uint16)), "largest": largest, "residuals": pack(residuals)}
+    chosen = landmarks(points)
+    levels, largest = quantise(distances[np.ix_(chosen, chosen)])
+    near, weights = among(distances[:, chosen])
+    return {
+        "landmarks": len(chosen),
+        "largest": largest,
+        "residuals": pack(encode(levels)),
+        "near": pack(near),
+        "weights": pack(weights),
+    }
+
+
+def landmarks(points: np.ndarray) -> np.ndarray:
+    """(m,) indices of at most 256 farthest-point samples of (n, 3), along a curve."""
+    from b23d.stages.geometry.sampling import farthest_points
+
+    chosen = np.sort(farthest_points(points, LANDMARKS))
+    return np.asarray(chosen[curve_order(points[chosen])])
+
+
+def among(distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Each point's nearest landmarks (n, 3) uint16, nearest first, and their weights (n, 3) uint8, the inverse of the
+    distance; distances: (n, m) from points to landmarks."""
+    away = np.nan_to_num(distances.astype(np.float32), posinf=FAR)
+    count = min(NEAR, away.shape[1])
+    near = np.argsort(away, axis=1, kind="stable")[:, :count]
+    closest = np.take_along_axis(away, near, axis=1)
+    nearness = 1 / np.maximum(closest, 1e-6)
+    weights = np.floor(LEVELS * nearness / nearness.sum(axis=1, keepdims=True)).astype(np.uint8)
+    weights[:, 0] += (LEVELS - weights.astype(int).sum(axis=1)).astype(np.uint8)
+    rest = NEAR - count
+    return np.pad(near, ((0, 0), (0, rest))).astype(np.uint16), np.pad(weights, ((0, 0), (0, rest)))
 
 
 def quantise(distances: np.ndarray) -> tuple[np.ndarray, float]:
@@ -45,25 +76,3 @@ def encode(levels: np.ndarray) -> np.ndarray:
     wide = levels.astype(np.int16)
     residuals = np.diff(np.diff(wide, axis=1, prepend=0), axis=0, prepend=0)
     return residuals[np.tri(len(levels), k=-1, dtype=bool)].astype(np.uint8)  # wraps: modulo 256
-
-
-def decode(residuals: np.ndarray, n: int) -> np.ndarray:
-    """The inverse of `encode`, as the page does it; for tests."""
-    levels = np.zeros((n, n), np.uint8)
-    at = 0
-    for i in range(1, n):
-        row = residuals[at : at + i].astype(np.int64)
-        at += i
-        levels[i, :i] = np.mod(np.cumsum(row + np.diff(levels[i - 1, :i].astype(np.int64), prepend=0)), 256)
-    return np.maximum(levels, levels.T)
-
-
-def curve_order(points: np.ndarray) -> np.ndarray:
-    """Indices (n,) of points (n, 3) along a Morton (z-order) curve through their bounding cube."""
-    low, side = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
-    cells = ((points - low) / side * (2**BITS - 1)).astype(np.uint64)
-    key = np.zeros(len(points), np.uint64)
-    for bit in range(BITS):
-        for axis in range(3):
-            key |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(3 * bit + axis)
-    return np.argsort(key, kind="stable")

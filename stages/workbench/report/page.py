@@ -13,31 +13,19 @@ from b23d.pipeline.plan import Plan
 from b23d.pipeline.run import Run
 from b23d.schemas.runfile import Shots
 from b23d.schemas.scores import ClassScores, ScoreTable
+from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.scoring.quoted import B2_3D, CURVES
+from b23d.stages.workbench.pictures.packing import as_json, packed_plotly
 from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
+from b23d.stages.workbench.results.columns import mean, shown_columns
 from b23d.stages.workbench.results.gathering import Quarantined
 from b23d.stages.workbench.results.summary import costs, dataset_fields, origins, settings
 
 HERE = Path(__file__).parent
-SCRIPTS = ("details", "fields", "scene", "balls", "panel", "viewer", "curves", "table", "main")  # in this order
+SCRIPTS = (  # in this order
+    "library", "details", "fields", "scene", "balls", "panel", "viewer", "curves", "table", "main",
+)  # fmt: skip
 AT = (2, 5, 10)  # places of thresholds .02, .05, .10
-COLUMNS = (
-    ("name", "shape", "class and id"),
-    ("auc", "AUC", "mean of the shape's own IoU over thresholds 0 … .10, and over draws"),
-    ("iou02", "IoU .02", "the shape's own, mean over draws"),
-    ("iou05", "IoU .05", "the shape's own, mean over draws"),
-    ("iou10", "IoU .10", "the shape's own, mean over draws"),
-    ("pck", "PCK .10", "annotated keypoints whose own id is predicted within .10"),
-    (
-        "error",
-        "error",
-        "mean geodesic distance between predicted and annotated keypoints of one id, in the score's units",
-    ),
-    ("annotated", "annotated", "annotated keypoints"),
-    ("predicted", "predicted", "keypoints judged present, mean over draws"),
-    ("unseen", "unseen", "candidates that no view sees"),
-    ("draws", "draws", "draws of shots in which this shape is a target"),
-)
 
 
 def render_page(
@@ -55,12 +43,14 @@ def render_page(
     """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to
     stand inside; `analysis`: the page of `b23d analyse`, relative to this one."""
     from jinja2 import Environment, FileSystemLoader
-    from plotly.offline import get_plotlyjs
 
     stage_costs = costs(run, plan)
     fields = settings(run)
+    columns = shown_columns(rows)
     data = {
         "rows": rows,
+        "columns": [{"key": c.key, "shown": c.shown, "bar": c.bar} for c in columns],
+        "names": keypoint_names(run.shapes),
         "folder": folder,
         "draw": draw,
         "idColors": [id_color(i) for i in range(IDS)],
@@ -79,7 +69,7 @@ def render_page(
         examples=examples,
         classes=sorted({row["category"] for row in rows}),
         failures=failures,
-        columns=[{"key": key, "label": label, "means": means} for key, label, means in COLUMNS],
+        columns=columns,
         costs=cost_lines(stage_costs),
         settings=fields,
         changed=[line for line in fields if line["differs"]],
@@ -89,15 +79,10 @@ def render_page(
         style=safe(_static("report.css")),
         theme_script=safe(_static("theme.js")),
         scripts=[safe(_static(f"{name}.js")) for name in SCRIPTS],
-        plotly=safe(get_plotlyjs()),
+        plotly=safe(packed_plotly()),
         data=safe(as_json(data)),
         inline_details=[(key, safe(text)) for key, text in inline.items()],
     )
-
-
-def as_json(value: Any) -> str:
-    """JSON that may stand inside a script element: no `<` survives as such. NaN and infinities are errors."""
-    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def cards(
@@ -106,23 +91,32 @@ def cards(
     """The figures at the top of the page."""
     found = []
     if table is not None:
-        mean = table.mean
+        scores = table.mean
         note = "mean over classes" if len(table.classes) > 1 else next(iter(table.classes))
-        found.append({"label": "AUC 0 … .10", "value": _figure(mean.auc.mean), "note": _spread(mean)})
+        found.append({"label": "AUC 0 … .10", "value": _figure(scores.auc.mean), "note": _spread(scores)})
         for place in AT[1:]:
-            if place < len(mean.iou.mean):
+            if place < len(scores.iou.mean):
                 found.append(
-                    {"label": f"IoU {_threshold(mean, place)}", "value": _figure(mean.iou.mean[place], 2), "note": note}
+                    {
+                        "label": f"IoU {_threshold(scores, place)}",
+                        "value": _figure(scores.iou.mean[place], 2),
+                        "note": note,
+                    }
                 )
         found.append(
-            {"label": f"labelled PCK {_threshold(mean, -1)}", "value": _figure(mean.pck.mean[-1], 2), "note": note}
+            {"label": f"labelled PCK {_threshold(scores, -1)}", "value": _figure(scores.pck.mean[-1], 2), "note": note}
         )
         found.append(
             {
                 "label": "ceiling of IoU",
-                "value": _figure(mean.ceiling, 2),
+                "value": _figure(scores.ceiling, 2),
                 "note": "perfect, labelled, from these shots",
             }
+        )
+    sure = mean(row["confidence"] for row in rows)
+    if sure is not None:
+        found.append(
+            {"label": "confidence", "value": _figure(sure, 2), "note": "mean over shapes; needs no annotation"}
         )
     states = Counter(row["state"] for row in rows)
     note = ", ".join(f"{states[state]} {state}" for state in ("failed", "waiting") if states[state]) or "all done"

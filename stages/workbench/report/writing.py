@@ -15,17 +15,18 @@ from b23d.pipeline.errors import B23dError
 from b23d.pipeline.run import Run
 from b23d.schemas.scores import ScoreTable
 from b23d.stages.workbench.pictures.coloring import class_basis, feature_colors
-from b23d.stages.workbench.pictures.packing import data_uri
+from b23d.stages.workbench.pictures.packing import as_json, data_uri
 from b23d.stages.workbench.pictures.painting import marks, picture, view_picture, webp
 from b23d.stages.workbench.pictures.principal import Basis
 from b23d.stages.workbench.report.choosing import best_and_worst, detailed, file_keys
 from b23d.stages.workbench.report.details import details
-from b23d.stages.workbench.report.page import as_json, render_page
+from b23d.stages.workbench.report.page import render_page
 from b23d.stages.workbench.results.gathering import Gathering, ShapeResults, failures
-from b23d.stages.workbench.results.rows import iou, row
+from b23d.stages.workbench.results.matching import iou
+from b23d.stages.workbench.results.rows import row
 
 THUMB, EXAMPLE = 112, 520  # pixels; both are shown at half that
-INLINE = 8  # megabytes of details that a page holds itself, unless told otherwise
+INLINE = 25  # megabytes of details that a page holds itself, unless told otherwise
 Bases = dict[str, Basis | None]  # class → basis of its features
 MEND = "b23d verify removes it, then b23d run makes it again"
 
@@ -53,7 +54,7 @@ def write_report(
 ) -> Written:
     """Write `runs/<name>/report.html`, or `out`, with 3D views of at most `limit` shapes.
 
-    inline: details inside the page; None: if they take less than 8 MB. Else they lie in `<page>-details/`, one file a
+    inline: details inside the page; None: if they take less than 25 MB. Else they lie in `<page>-details/`, one file a
     shape. draw: whose predictions are shown first; None: the first there is.
     Raises ValueError where the run has made nothing yet, OSError where it cannot write.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from b23d.pipeline.run import Run
 from b23d.schemas.scores import ShapeScore
 from b23d.stages.workbench.results.gathering import Attempt, Gathering, ShapeResults
-from b23d.stages.workbench.results.rows import iou, keypoint_errors
+from b23d.stages.workbench.results.matching import iou, keypoint_errors
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -32,7 +32,7 @@
     return {
       ...b23d.columns(corners), i: corner(0), j: corner(1), k: corner(2),
       vertexcolor: places.length ? places.flatMap((place) => unit.map(() => place.color)) : ["#000"],
-      hovertext: places.flatMap((place) => unit.map(() => place.label)),
+      hovertext: places.flatMap((place) => unit.map(() => place.words ?? place.label)),
     };
   };
 

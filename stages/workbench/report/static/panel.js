@@ -9,6 +9,7 @@
     if (row.points) facts.push(`${row.kind}, ${row.points} candidates`);
     if (row.auc != null) facts.push(`AUC ${row.auc.toFixed(3)}`);
     if (row.iou10 != null) facts.push(`IoU .10 ${row.iou10.toFixed(2)}`);
+    if (row.confidence != null) facts.push(`confidence ${row.confidence.toFixed(2)}`);
     if (row.shot.length) facts.push(`shot in draw ${row.shot.join(", ")}`);
     return facts.join(" · ");
   }
@@ -43,14 +44,20 @@
     part("legend").textContent = hint || [field.label, field.note].filter(Boolean).join(". ");
   }
 
+  /** What people call a keypoint: its id, and the name that the annotation has for it. */
+  const called = (shape, id) => {
+    const name = (b23d.data.names[shape.category] || {})[id];
+    return id < 0 ? "–" : name ? `${id} ${name}` : String(id);
+  };
+
   function keypoints(shape, attempt) {
     const truth = new Set(shape.truth.map((k) => k.id)), found = new Set(attempt ? attempt.keypoints.map((k) => k.id) : []);
-    const lines = attempt ? attempt.keypoints.map((k) => [k.id, k.present ? (truth.has(k.id) ? "" : "not annotated") : "judged absent", k.error, k.cost]) : [];
-    for (const k of shape.truth) if (!found.has(k.id)) lines.push([k.id, attempt ? "not predicted" : "annotated", null, null]);
-    part("keypoints").replaceChildren(...lines.map(([id, note, error, cost]) => {
+    const lines = attempt ? attempt.keypoints.map((k) => [k.id, k.present ? (truth.has(k.id) ? "" : "not annotated") : "judged absent", k.error, k.confidence, k.cost]) : [];
+    for (const k of shape.truth) if (!found.has(k.id)) lines.push([k.id, attempt ? "not predicted" : "annotated", null, null, null]);
+    part("keypoints").replaceChildren(...lines.map(([id, note, error, confidence, cost]) => {
       const line = document.createElement("tr");
       const color = id < 0 ? "#808080" : b23d.data.idColors[id % b23d.data.idColors.length];
-      line.append(...[id < 0 ? "–" : id, error == null ? note : `${error.toFixed(3)}${note ? ` ${note}` : ""}`, cost == null ? "" : cost.toFixed(2)].map((text) => {
+      line.append(...[called(shape, id), error == null ? note : `${error.toFixed(3)}${note ? ` ${note}` : ""}`, confidence == null ? "" : confidence.toFixed(2), cost == null ? "" : cost.toFixed(2)].map((text) => {
         const cell = document.createElement("td");
         cell.textContent = text;
         return cell;
@@ -60,5 +67,5 @@
     }));
   }
 
-  b23d.panel = { subtitle, fillDraws, fillOthers, legend, keypoints };
+  b23d.panel = { called, subtitle, fillDraws, fillOthers, legend, keypoints };
 })();

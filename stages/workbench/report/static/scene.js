@@ -82,7 +82,7 @@
         surface: surface ? { visible: options.surface, vertexcolor: showPoints ? null : Array.from(surface.nearest, (i) => field.colors[i]) } : {},
         points: { visible: showPoints, "marker.color": field.colors, hovertext: words },
         lines: columns(places.lines.map((k) => k.at)),
-        truth: { ...columns(places.truth.map((k) => k.at)), hovertext: places.truth.map((k) => `annotated ${k.label}`) },
+        truth: { ...columns(places.truth.map((k) => k.at)), hovertext: places.truth.map((k) => `annotated ${k.words}`) },
         predicted: b23d.balls(places.predicted, BALL),
         reference: b23d.balls(marked.map((i) => ({ at: shape.points.slice(3 * i, 3 * i + 3), color: "#ff2fd0", label: "clicked, or most like it" })), PICKED),
         labels: { ...columns(labelled.map((k) => lifted(k.at))), text: labelled.map((k) => k.label) },
@@ -121,7 +121,7 @@
     traces() {
       const { shape } = this, { surface } = shape, ink = b23d.theme.color("--text");
       const empty = { type: "scatter3d", x: [], y: [], z: [], showlegend: false };
-      const light = { lighting: { ambient: 0.72, diffuse: 0.5, specular: 0.05, roughness: 0.9 }, lightposition: { x: 2000, y: 5000, z: 9000 } };
+      const light = { lighting: { ambient: 0.72, diffuse: 0.5, specular: 0.05, roughness: 0.9, facenormalsepsilon: 1e-16 }, lightposition: { x: 2000, y: 5000, z: 9000 } };
       const ball = { type: "mesh3d", x: [], y: [], z: [], i: [], j: [], k: [], hoverinfo: "text", ...light };
       return [
         surface
@@ -169,10 +169,11 @@
     const color = (id) => (id < 0 ? "#808080" : b23d.data.idColors[id % b23d.data.idColors.length]);
     const found = attempt ? attempt.keypoints.filter((k) => k.present || options.absent) : [];
     const truth = new Map(shape.truth.map((k) => [k.id, k]));
-    const name = (id) => (id < 0 ? "" : String(id));
+    const number = (id) => (id < 0 ? "" : String(id)), called = (id) => b23d.panel.called(shape, id);
     return {
-      truth: options.truth ? shape.truth.map((k) => ({ id: k.id, at: k.at, label: name(k.id) })) : [],
-      predicted: options.predicted ? found.map((k) => ({ id: k.id, at: k.at, label: k.present ? name(k.id) : `(${name(k.id)})`, color: color(k.id) })) : [],
+      truth: options.truth ? shape.truth.map((k) => ({ id: k.id, at: k.at, label: number(k.id), words: called(k.id) })) : [],
+      predicted: options.predicted
+        ? found.map((k) => ({ id: k.id, at: k.at, label: k.present ? number(k.id) : `(${number(k.id)})`, words: called(k.id), color: color(k.id) })) : [],
       lines: options.lines ? found.filter((k) => truth.has(k.id)).flatMap((k) => [{ at: k.at }, { at: truth.get(k.id).at }, { at: null }]) : [],
     };
   }

@@ -7,12 +7,11 @@
   const figure = (digits) => (value) => (value == null ? "" : value.toFixed(digits).replace(/^(-?)0\./, "$1."));
   const percent = (value) => (value == null ? "" : value === 0 ? "0 %" : `${(100 * value).toFixed(1)} %`);
   const whole = (value) => (value == null ? "" : String(Math.round(10 * value) / 10));
-  const COLUMNS = [
-    { key: "name", cell: nameCell },
-    { key: "auc", format: figure(3), bar: true }, { key: "iou02", format: figure(2) }, { key: "iou05", format: figure(2) }, { key: "iou10", format: figure(2) },
-    { key: "pck", format: figure(2) }, { key: "error", format: figure(3) }, { key: "annotated", format: whole }, { key: "predicted", format: whole },
-    { key: "unseen", format: percent }, { key: "draws", cell: drawsCell },
-  ];
+  const CELLS = {   // how a column is shown: see results/columns.py
+    name: nameCell, draws: drawsCell,
+    figure2: (row, column) => numberCell(row, column, figure(2)), figure3: (row, column) => numberCell(row, column, figure(3)),
+    percent: (row, column) => numberCell(row, column, percent), whole: (row, column) => numberCell(row, column, whole),
+  };
   let body, counter, rows, filters;
 
   b23d.startTable = (open) => {
@@ -81,11 +80,11 @@
     element.dataset.place = row.place;
     element.tabIndex = 0;
     element.className = row.state;
-    element.append(...COLUMNS.map((column) => (column.cell ? column.cell(row) : numberCell(row, column))));
+    element.append(...b23d.data.columns.map((column) => CELLS[column.shown](row, column)));
     return element;
   }
 
-  function numberCell(row, { key, format, bar }) {
+  function numberCell(row, { key, bar }, format) {
     const cell = document.createElement("td");
     cell.className = "number";
     cell.textContent = format(row[key]);
