@@ -40,11 +40,11 @@ def keypoint_distances(
     at = keypoint_candidates(keypoints, shape)
     if shape.candidates != "cloud" or (keypoints.point_indices < 0).any():
         own = shape.to_unit(keypoints.positions)
-        apart = np.linalg.norm(own - points[at], axis=1) > SAME
-        apart &= (keypoints.point_indices < 0) | (shape.candidates != "cloud")
-        nodes, which = np.unique(own[apart], axis=0, return_inverse=True)  # keypoints at one place are one node
+        off = np.linalg.norm(own - points[at], axis=1) > SAME
+        off &= (keypoints.point_indices < 0) | (shape.candidates != "cloud")
+        nodes, which = np.unique(own[off], axis=0, return_inverse=True)  # keypoints at one place are one node
         at = at.copy()
-        at[apart] = len(points) + which.reshape(-1)
+        at[off] = len(points) + which.reshape(-1)
         points = np.concatenate([points, nodes])
     if units == "dataset":
         points = points * shape.scale

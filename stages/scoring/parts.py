@@ -33,22 +33,26 @@ def part_table(run: str, rows: Iterable[PartRow]) -> PartTable:
             f"part scores of {run}: expected scored shapes of one protocol, got {got}; "
             "run it first, or re-run score_parts"
         )
-    means = {
-        c: {d: float(np.mean([one.iou for one in shapes.values()])) for d, shapes in draws.items()}
-        for c, draws in by_class.items()
-    }
-    shared = sorted(set.intersection(*(set(draws) for draws in means.values())))
+    means: dict[str, dict[int, float]] = {}
     instances: dict[int, list[float]] = defaultdict(list)
-    for draws in by_class.values():
+    for category, draws in by_class.items():
+        means[category] = {}
         for draw, shapes in draws.items():
-            instances[draw] += [one.iou for one in shapes.values()]
+            ious = [one.iou for one in shapes.values()]
+            means[category][draw] = float(np.mean(ious))
+            instances[draw] += ious
+
+    shared = sorted(set.intersection(*(set(draws) for draws in means.values())))
+    if shared:
+        over_classes = [float(np.mean([draws[draw] for draws in means.values()])) for draw in shared]
+    else:  # no draw that every class has
+        own = [float(np.mean(list(draws.values()))) for draws in means.values()]
+        over_classes = [float(np.mean(own))]
     return PartTable(
         run=run,
         protocol=protocols.pop(),
         classes={category: _class(by_class[category], means[category]) for category in sorted(by_class)},
-        mean=_spread([float(np.mean([draws[d] for draws in means.values()])) for d in shared])
-        if shared
-        else _spread([float(np.mean([np.mean(list(draws.values())) for draws in means.values()]))]),
+        mean=_spread(over_classes),
         instances=_spread([float(np.mean(values)) for values in instances.values()]),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,50 +22,83 @@ def score_table(run: str, protocol: str | None, rows: Iterable[ScoreRow]) -> Sco
     protocol: as printed in the table; None takes what the scores themselves say.
     Raises ValueError where there is no row, or where thresholds differ.
     """
-    by_class: dict[str, dict[Hashable, dict[str, ShapeScore]]] = defaultdict(lambda: defaultdict(dict))
-    for category, draw, shape, scored in rows:
-        by_class[category][draw][shape] = scored
-    scores = [one for draws in by_class.values() for shapes in draws.values() for one in shapes.values()]
+    classes = _by_class(rows)
+    scores = [score for gathered in classes.values() for score in gathered.scores()]
+    thresholds = _thresholds(run, scores)
+
+    tables = {name: gathered.table(thresholds) for name, gathered in classes.items()}
+    mean = _class_scores(
+        _over_classes({name: gathered.figures() for name, gathered in classes.items()}),
+        thresholds,
+        targets=sum(table.targets for table in tables.values()),
+        files={file for gathered in classes.values() for file in gathered.files()},
+    )
+
+    if protocol is None:
+        protocol = " | ".join(sorted({score.protocol for score in scores}))
+    return ScoreTable(run=run, protocol=protocol, classes=tables, mean=mean)
+
+
+@dataclass
+class ClassResults:
+    """The scores of one class: draw → shape → score."""
+
+    draws: dict[Hashable, dict[str, ShapeScore]] = field(default_factory=lambda: defaultdict(dict))
+
+    def scores(self) -> list[ShapeScore]:
+        return [score for shapes in self.draws.values() for score in shapes.values()]
+
+    def figures(self) -> dict[Hashable, Figures]:
+        """Draw → figures of all its shapes together."""
+        return {draw: _figures(list(shapes.values())) for draw, shapes in self.draws.items()}
+
+    def files(self) -> set[str]:
+        """The annotation files that were scored against."""
+        return {score.annotation_file for score in self.scores()} - {""}
+
+    def table(self, thresholds: list[float]) -> ClassScores:
+        targets = {shape for shapes in self.draws.values() for shape in shapes}
+        return _class_scores(list(self.figures().values()), thresholds, len(targets), self.files())
+
+
+def _by_class(rows: Iterable[ScoreRow]) -> dict[str, ClassResults]:
+    """Class → its scores, sorted by class."""
+    found: dict[str, ClassResults] = defaultdict(ClassResults)
+    for category, draw, shape, score in rows:
+        found[category].draws[draw][shape] = score
+    return dict(sorted(found.items()))
+
+
+def _thresholds(run: str, scores: list[ShapeScore]) -> list[float]:
+    """The thresholds that all scores have."""
     if not scores:
         raise ValueError(
             f"scores of {run}: expected at least one scored shape, got none; run it first, or see its quarantine"
         )
     thresholds = scores[0].thresholds.tolist()
-    if any(one.thresholds.tolist() != thresholds for one in scores):
+    if any(score.thresholds.tolist() != thresholds for score in scores):
         raise ValueError(f"scores of {run}: expected the same thresholds for every shape, got several; re-run score")
-
-    figures = {
-        c: {d: _figures(list(shapes.values())) for d, shapes in draws.items()} for c, draws in sorted(by_class.items())
-    }
-    targets = {c: len({shape for shapes in draws.values() for shape in shapes}) for c, draws in by_class.items()}
-    files = {
-        c: {one.annotation_file for shapes in draws.values() for one in shapes.values()} - {""}
-        for c, draws in by_class.items()
-    }
-    return ScoreTable(
-        run=run,
-        protocol=protocol if protocol is not None else " | ".join(sorted({one.protocol for one in scores})),
-        classes={c: _scores(list(draws.values()), thresholds, targets[c], files[c]) for c, draws in figures.items()},
-        mean=_scores(_over_classes(figures), thresholds, sum(targets.values()), set().union(*files.values())),
-    )
+    return [float(threshold) for threshold in thresholds]
 
 
 def _figures(shapes: list[ShapeScore]) -> Figures:
     """Micro-averages over the shapes of one class in one draw."""
 
-    def total(field: str) -> np.ndarray:
-        return np.asarray(np.sum([getattr(shape, field) for shape in shapes], axis=0, dtype=np.int64))
+    def total(name: str) -> np.ndarray:
+        return np.asarray(np.sum([getattr(shape, name) for shape in shapes], axis=0, dtype=np.int64))
 
-    annotated, predicted, common, met = total("annotated"), total("predicted"), total("common"), total("matched")
+    annotated, predicted, common = total("annotated"), total("predicted"), total("common")
+    true, false, missed = total("true_positives"), total("false_positives"), total("false_negatives")
+    matched = total("matched")
     shared, either = total("ceiling")
-    true = total("true_positives")
-    iou = _ratio(true, true + total("false_positives") + total("false_negatives"))
+
+    iou = _ratio(true, true + false + missed)
     return {
         "iou": iou,
         "auc": iou.mean(),
         "pck": _ratio(total("labelled"), annotated),
         "symmetric_pck": _ratio(total("symmetric"), annotated),
-        "one_to_one": _ratio(met, annotated + predicted - met),
+        "one_to_one": _ratio(matched, annotated + predicted - matched),
         "precision": _ratio(common, predicted),
         "recall": _ratio(common, shared),
         "ceiling": _ratio(shared, either),
@@ -80,16 +114,17 @@ def _over_classes(figures: dict[str, dict[Hashable, Figures]]) -> list[Figures]:
     """Mean over classes in each draw that all classes have; without such a draw, the mean of the classes' own means."""
     classes = list(figures.values())
     shared = [draw for draw in classes[0] if all(draw in draws for draws in classes)]
-    if not shared:
-        return [_mean([_mean(list(draws.values())) for draws in classes])]
-    return [_mean([draws[draw] for draws in classes]) for draw in shared]
+    if shared:
+        return [_mean([draws[draw] for draws in classes]) for draw in shared]
+    own = [_mean(list(draws.values())) for draws in classes]
+    return [_mean(own)]
 
 
 def _mean(figures: list[Figures]) -> Figures:
     return {name: np.mean([one[name] for one in figures], axis=0) for name in figures[0]}
 
 
-def _scores(draws: list[Figures], thresholds: list[float], targets: int, files: set[str]) -> ClassScores:
+def _class_scores(draws: list[Figures], thresholds: list[float], targets: int, files: set[str]) -> ClassScores:
     stacked = {name: np.stack([one[name] for one in draws]) for name in draws[0]}  # (draw, t) or (draw,)
 
     def sd(values: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ further ids it exchanges, is read from the annotated positions.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -34,13 +35,21 @@ def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
     """
     ids = keypoints.ids.tolist()
     places = dict(zip(ids, np.asarray(keypoints.positions, np.float64), strict=True))
-    pairs = sorted(
-        {(min(t), max(t)) for t in keypoints.reflections if len(t) == len(set(t)) == 2 and places.keys() >= set(t)}
-    )
-    tuples = [t for t in keypoints.rotations if len(t) == len(set(t)) > 1 and places.keys() >= set(t)]
+
+    pairs = sorted({(min(pair), max(pair)) for pair in _usable(keypoints.reflections, places) if len(pair) == 2})
     tables = [_reflection(plane, places) for plane in _planes(pairs, places)]
-    tables += [_rotation([t for t in tuples if len(t) == fold], places) for fold in sorted({len(t) for t in tuples})]
-    return np.stack(_compose([[ids.index(table.get(i, i)) for i in ids] for table in tables], keypoints.ids))
+
+    cycles = [cycle for cycle in _usable(keypoints.rotations, places) if len(cycle) > 1]
+    for fold in sorted({len(cycle) for cycle in cycles}):
+        tables.append(_rotation([cycle for cycle in cycles if len(cycle) == fold], places))
+
+    generators = [[ids.index(table.get(i, i)) for i in ids] for table in tables]
+    return np.stack(_compose(generators, keypoints.ids))
+
+
+def _usable(tuples: Iterable[tuple[int, ...]], places: Places) -> list[tuple[int, ...]]:
+    """The tuples of different ids that the shape has."""
+    return [ids for ids in tuples if len(ids) == len(set(ids)) and places.keys() >= set(ids)]
 
 
 def _planes(pairs: list[IdPair], places: Places) -> list[list[IdPair]]:
@@ -59,14 +68,28 @@ def _planes(pairs: list[IdPair], places: Places) -> list[list[IdPair]]:
     widest = sorted(pairs, key=width, reverse=True)
     if most < 2:
         return [widest] if pairs else []
-    around = [[pair for pair in pairs if i in pair] for i in degree if degree[i] == most]
-    seeds = max(around, key=lambda group: min(map(width, group)))
+
+    frequent = [i for i in degree if degree[i] == most]
+    candidates = [[pair for pair in pairs if i in pair] for i in frequent]
+    seeds = max(candidates, key=lambda group: min(map(width, group)))
     planes = [[seed] for seed in seeds]
-    for pair in (pair for pair in widest if pair not in seeds):
-        free = [plane for plane in planes if not {i for other in plane for i in other} & set(pair)]
-        if free:
-            min(free, key=lambda plane: _error(mirror(*(places[i] for i in plane[0])), pair, places)).append(pair)
+    for pair in widest:
+        if pair not in seeds:
+            _join(pair, planes, places)
     return planes
+
+
+def _join(pair: IdPair, planes: list[list[IdPair]], places: Places) -> None:
+    """Put the pair into the plane that exchanges it best, among those in which neither of its ids has a partner yet."""
+    free = [plane for plane in planes if not any(set(pair) & set(other) for other in plane)]
+    if not free:
+        return
+
+    def error(plane: list[IdPair]) -> float:
+        a, b = plane[0]
+        return _error(mirror(places[a], places[b]), pair, places)
+
+    min(free, key=error).append(pair)
 
 
 def _error(motion: Motion, pair: IdPair, places: Places) -> float:
@@ -82,14 +105,18 @@ def _rotation(tuples: list[tuple[int, ...]], places: Places) -> dict[int, int]:
     motion = turn([np.stack([places[i] for i in ids]) for ids in tuples])
     table: dict[int, int] = {}
     for ids in tuples:
-        steps = {ids[n - 1]: ids[n] for n in range(len(ids))}
-        borne_out = all(
-            _error(motion, step, places) < AGREES * np.linalg.norm(places[step[0]] - places[step[1]])
-            for step in steps.items()
-        )
-        if borne_out and not table.keys() & steps.keys():
+        following = (*ids[1:], ids[0])
+        steps = dict(zip(ids, following, strict=True))
+        if _borne_out(steps, motion, places) and not table.keys() & steps.keys():
             table.update(steps)
     return _complete(table, motion, places)
+
+
+def _borne_out(steps: dict[int, int], motion: Motion, places: Places) -> bool:
+    """Whether the motion takes every id near enough to where the step says."""
+    return all(
+        _error(motion, (i, j), places) < AGREES * np.linalg.norm(places[i] - places[j]) for i, j in steps.items()
+    )
 
 
 def _complete(table: dict[int, int], motion: Motion, places: Places) -> dict[int, int]:
@@ -97,13 +124,17 @@ def _complete(table: dict[int, int], motion: Motion, places: Places) -> dict[int
     free = [i for i in places if i not in table]
     if not table or len(free) < 2:
         return table
+
     points = np.stack([places[i] for i in free])
     gaps = np.linalg.norm(motion(points)[:, None] - points[None], axis=2)
     widths = np.linalg.norm(points[:, None] - points[None], axis=2)
-    to, back = gaps.argmin(1), gaps.argmin(0)
-    found = {i: int(j) for i, j in enumerate(to) if i != j and back[j] == i and gaps[i, j] < AGREES * widths[i, j]}
+    onto, back = gaps.argmin(1), gaps.argmin(0)
+    near = gaps < AGREES * widths
+
+    found = {i: int(j) for i, j in enumerate(onto) if i != j and back[j] == i and near[i, j]}
     while found.keys() != set(found.values()):  # whole cycles only
-        found = {i: j for i, j in found.items() if j in found and i in found.values()}
+        ends = set(found.values())
+        found = {i: j for i, j in found.items() if j in found and i in ends}
     return {**table, **{free[i]: free[j] for i, j in found.items()}}
 
 

@@ -18,8 +18,11 @@ def render(table: ScoreTable) -> Table:
     shown = [i for i, threshold in enumerate(thresholds) if any(abs(threshold - wanted) < 1e-9 for wanted in SHOWN)]
     shown = shown or [len(thresholds) - 1]
     largest = f"{thresholds[-1]:g}"
+    exact = " IoU 0 counts predictions on the very annotated point." if 0.0 in [thresholds[i] for i in shown] else ""
     result = Table(
-        title=table.run, caption=f"IoU at {table.protocol}; mean ± sd over {table.mean.draws} draws of shots"
+        title=table.run,
+        caption=f"IoU at {table.protocol}; mean ± sd over {table.mean.draws} draws of shots.{exact} "
+        "Ceiling: IoU if every id of the shots were in its place.",
     )
     result.add_column("class")
     result.add_column("targets", justify="right")
