@@ -106,7 +106,7 @@ class ClassScores(_Row):
     """As `iou`, with each prediction matched to at most one keypoint."""
     presence: PresenceScores
     ceiling: float
-    """IoU of a predictor that puts every id of the shots in its place wherever the target has it."""
+    """IoU of a predictor that puts every id of the shots in its place and judges none absent."""
     annotation_files: list[str]
     """sha256 of the annotation files the keypoints came from."""
 

@@ -7,7 +7,9 @@ import json
 import re
 import shutil
 import zlib
+from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -23,11 +25,13 @@ from b23d.stages.workbench.pictures.packing import as_json, as_text, curve_order
 from b23d.stages.workbench.pictures.painting import marks, picture
 from b23d.stages.workbench.pictures.principal import fit_basis
 from b23d.stages.workbench.pictures.surface import EDGE, surface_of
+from b23d.stages.workbench.report import page
 from b23d.stages.workbench.report.choosing import best_and_worst, detailed, file_keys
 from b23d.stages.workbench.report.details import details
 from b23d.stages.workbench.report.distances import LANDMARKS, among, encode, landmarks, quantise
 from b23d.stages.workbench.report.page import duration
 from b23d.stages.workbench.report.writing import write_report
+from b23d.stages.workbench.results.columns import COLUMNS, Shown, confidence_of, shown_columns
 from b23d.stages.workbench.results.gathering import Gathering
 from b23d.stages.workbench.results.matching import keypoint_errors
 from b23d.stages.workbench.results.rows import row
@@ -308,3 +312,30 @@ def test_a_run_that_made_nothing_has_no_report(run: Run, tmp_path: Path) -> None
 
 def test_durations_read_like_durations() -> None:
     assert [duration(s) for s in (0.4, 59.4, 200, 14_700)] == ["0 s", "59 s", "3 min 20 s", "4 h 5 min"]
+
+
+def test_columns_without_a_value_go_away() -> None:
+    """As the score columns do where nothing is annotated; a value of 0 is one."""
+    row = dict.fromkeys(column.key for column in COLUMNS) | {"name": "a", "draws": [], "unseen": 0.0}
+    assert [column.key for column in shown_columns([row, row])] == ["name", "unseen"]
+    scored = shown_columns([row, row | {"auc": 0.5, "confidence": 0.25}])
+    assert [column.key for column in scored] == ["name", "auc", "confidence", "unseen"]
+
+
+def test_the_page_can_show_every_kind_of_column() -> None:
+    script = (Path(page.__file__).parent / "static" / "table.js").read_text()
+    cells = script[script.index("const CELLS") : script.index("};", script.index("const CELLS"))]
+    assert set(re.findall(r"(\w+): ", cells)) == set(get_args(Shown))
+
+
+def test_confidence_is_of_the_keypoints_judged_present(run: Run) -> None:
+    entry = Gathering(run).entry(run.shapes[0])
+    attempt = next(attempt for attempt in entry.attempts)
+    count = len(attempt.prediction.ids)
+    sure, present = np.linspace(0, 1, count, dtype=np.float32), np.arange(count) % 2 == 0
+
+    def told(**fields: object) -> float | None:
+        return confidence_of(replace(attempt, prediction=attempt.prediction.model_copy(update=fields)))
+
+    assert told(confidence=sure, present=present) == pytest.approx(sure[present].mean())
+    assert told(confidence=None) is None and told(confidence=sure, present=~present & present) is None

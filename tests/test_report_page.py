@@ -10,10 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
 import pytest
 
 from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.stages.workbench.analyses.interface import Chart, ExecutedMember, Result
+from b23d.stages.workbench.analyses.page import render_page
 from b23d.stages.workbench.pictures.coloring import class_basis
+from b23d.stages.workbench.report.details import CHANNELS
 from b23d.stages.workbench.report.writing import write_report
 from b23d.stages.workbench.results.gathering import Gathering
 from tests.report_runs import mixed
@@ -94,7 +99,7 @@ def test_it_opens_with_scores_failures_and_all_shapes(page: Page) -> None:
 
 def test_the_table_sorts_and_filters(page: Page) -> None:
     page.page.click("#shape-table th button[data-key=auc]")
-    values = [float(text) for text in page.page.locator("#shape-table td.bar").all_inner_texts()]
+    values = [float(text) for text in page.page.locator("#shape-table td:nth-child(2):not(:empty)").all_inner_texts()]
     assert values == sorted(values, reverse=True) and len(values) > 3
     assert page.page.locator("#shape-table th[aria-sort=descending]").inner_text().startswith("AUC")
     unscored = set(page.page.evaluate("b23d.data.rows.filter(row => row.auc === null).map(row => row.id)"))
@@ -138,9 +143,10 @@ def test_a_clicked_point_shows_the_distances_that_are_stored(page: Page) -> None
     page.click_point(0, 17)
     page.painted("geodesic 0:17")
     shown = page.page.evaluate("b23d.load('egg-e0').then(shape => Array.from(shape.distances.row(17)))")
+    indices = page.page.evaluate("b23d.load('egg-e0').then(shape => Array.from(shape.indices))")
     stored = mixed().artifact("egg/e0", "geodesic")
     assert isinstance(stored, GeodesicDistances)
-    row = stored.distances[17].astype(float)
+    row = stored.distances[indices[17], indices].astype(float)
     spacing = float(np.sort(stored.distances.astype(float), axis=1)[:, 6].max())  # all landmarks of a point lie so near
     assert np.abs(np.array(shown) - row).max() <= 2 * spacing + float(stored.distances.max()) / 255
     assert shown[17] == 0
@@ -156,11 +162,12 @@ def test_similarity_reaches_across_to_another_shape(page: Page) -> None:
     page.page.wait_for_function("document.getElementById('viewer-scene-1').data?.length === 7")
     page.click_point(0, 40)
     page.painted("similarity 0:40")
-    shown = np.array(
+    found = np.array(
         page.page.evaluate(
             """async () => {
                 const vector = b23d.fields.vectorOf(await b23d.load("egg-e0"), 40);
-                return Array.from(b23d.fields.similarity(await b23d.load("egg-e2"), vector).values);
+                const other = await b23d.load("egg-e2"), { indices } = await b23d.load("egg-e0");
+                return [indices[40], ...other.indices, ...b23d.fields.similarity(other, vector).values];
             }"""
         )
     )
@@ -168,8 +175,11 @@ def test_similarity_reaches_across_to_another_shape(page: Page) -> None:
     basis = class_basis(Gathering(run), "egg")
     first, second = run.artifact("egg/e0", "reweight"), run.artifact("egg/e2", "reweight")
     assert basis is not None and isinstance(first, PointFeatures) and isinstance(second, PointFeatures)
-    a, b = basis.project(first.features[40:41])[0], basis.project(second.features)
-    np.testing.assert_allclose(shown, b @ a / np.linalg.norm(a) / np.linalg.norm(b, axis=1), atol=5e-3)
+    count = len(second.features)
+    clicked, indices, shown = int(found[0]), found[1 : 1 + count].astype(int), found[1 + count :]
+    a = basis.project(first.features[[clicked]])[0, :CHANNELS]
+    b = basis.project(second.features[indices])[:, :CHANNELS]
+    np.testing.assert_allclose(shown, b @ a / np.linalg.norm(a) / np.linalg.norm(b, axis=1), atol=0.02)
     here, there = page.colors(0), page.colors(1)
     page.click_point(1, 7)
     page.painted("similarity 1:7")
@@ -227,4 +237,30 @@ def test_inline_details_need_no_folder(browser: Any, tmp_path: Path) -> None:
     opened = Page(browser, write_report(mixed(), tmp_path / "whole.html", inline=True).page)
     opened.open("e1")
     assert opened.errors == [] and not any(url.endswith(".js") for url in opened.requests)
+    opened.page.context.close()
+
+
+def test_it_fits_a_telephone(browser: Any, report: Path) -> None:
+    opened = Page(browser, report)
+    opened.page.set_viewport_size({"width": 420, "height": 800})
+    assert opened.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    opened.open("e0")
+    scene, controls = (opened.page.locator(name).bounding_box() for name in ("#viewer-scene-0", "#viewer-controls"))
+    assert scene["width"] == controls["width"] == 420 and controls["y"] >= scene["y"] + scene["height"]
+    opened.page.context.close()
+
+
+def test_an_analysis_is_drawn_in_the_readers_colours(browser: Any, tmp_path: Path) -> None:
+    table = pd.DataFrame({"descriptor": ["one"], "AUC": [0.5]})
+    chart = Chart(go.Figure(go.Scatter(x=[0, 1], y=[0, 1])), "a line")
+    member = ExecutedMember("one", "", mixed())
+    path = tmp_path / "analysis.html"
+    path.write_text(render_page("mixed", "run.toml", [member], Result("Title", table, "note", [chart]), ""))
+    opened = Page(browser, path, "dark")
+    opened.page.wait_for_selector("#figure-0 .main-svg")
+    ink = "getComputedStyle(document.querySelector('#figure-0 .xtick text')).fill"
+    dark = opened.page.evaluate(ink)
+    opened.page.click("#theme")
+    opened.page.wait_for_function(f"dark => {ink} !== dark", arg=dark)
+    assert opened.errors == []
     opened.page.context.close()

@@ -44,7 +44,7 @@ def render_page(name: str, source: str, parts: list[ExecutedMember], result: Res
         blocks=[_block(str(i), block) for i, block in enumerate(result.blocks)], style=_static("report.css"),
         theme_script=_static("theme.js"), script=_static("library.js") + _static("figures.js"),
         data=Markup(as_json({"figures": charts})),
-        plotly=packed_plotly() if charts else "",
+        plotly=Markup(packed_plotly()) if charts else "",
         plasma=", ".join(f"rgb({r}, {g}, {b})" for r, g, b in PLASMA), version=version("b23d"),
         made=time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
     )  # fmt: skip

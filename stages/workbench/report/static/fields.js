@@ -63,7 +63,7 @@
       for (let c = 0; c < vector.length; c++) sum += shape.features[i * vector.length + c] * vector[c];
       values[i] = sum;
     }
-    return scalar(values, -0.2, 1, "feature similarity (cosine)", "viridis");
+    return scalar(values, -0.2, 1, `feature similarity (cosine, first ${vector.length} components)`, "viridis");
   }
 
   const vectorOf = (shape, point) => shape.features && shape.features.slice(point * shape.channels, (point + 1) * shape.channels);

@@ -7,7 +7,7 @@
   const figure = (digits) => (value) => (value == null ? "" : value.toFixed(digits).replace(/^(-?)0\./, "$1."));
   const percent = (value) => (value == null ? "" : value === 0 ? "0 %" : `${(100 * value).toFixed(1)} %`);
   const whole = (value) => (value == null ? "" : String(Math.round(10 * value) / 10));
-  const CELLS = {   // how a column is shown: see results/columns.py
+  const CELLS = {   // by the word for how a column is shown, of results/columns.py
     name: nameCell, draws: drawsCell,
     figure2: (row, column) => numberCell(row, column, figure(2)), figure3: (row, column) => numberCell(row, column, figure(3)),
     percent: (row, column) => numberCell(row, column, percent), whole: (row, column) => numberCell(row, column, whole),
