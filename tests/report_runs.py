@@ -23,7 +23,7 @@ draws = [0, 1]
 [stages.normalize]
 count = 256
 [stages.render]
-rings = {count = 1}
+rings = {{count = 1}}
 resolution = 64
 [stages.extract]
 encoder = "efficientnet-lite0"
