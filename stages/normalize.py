@@ -52,7 +52,7 @@ class NormalizeParams(Params):
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
 
 
-@stage(version=1, hints=Hints(memory_gb=0.5))
+@stage(version=2, hints=Hints(memory_gb=0.5))
 def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
     """Read, clean, move to the unit frame, and choose candidates.
 
@@ -71,7 +71,7 @@ def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
         raise ValueError(f"{source.shape}: expected a mesh or a cloud, got neither; add a file or remove the shape")
     cloud = load(source.shape, source.files, source.cloud, params.colors) if source.cloud is not None else None
     if cloud is not None and not isinstance(cloud, Cloud):
-        cloud = Cloud(cloud.vertices, cloud.vertex_colors)
+        cloud = Cloud(cloud.vertices, cloud.vertex_colors, problems=cloud.problems)
     mesh = load(source.shape, source.files, source.mesh, params.colors) if source.mesh is not None else None
     if isinstance(mesh, Cloud):  # a mesh format that holds points only
         mesh, cloud = None, cloud or mesh
@@ -113,8 +113,7 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         if (away := float(np.median(distance))) > OFF_SURFACE:
             raise ValueError(
                 f"{shape}: expected its cloud on its mesh, got a median distance of {away:.2g} of the longest side; "
-                "bring both "
-                'into one frame, leave one out, or set stages.normalize.candidates = "fps"'
+                'bring both into one frame, leave one out, or set stages.normalize.candidates = "fps"'
             )
     else:
         rng = np.random.default_rng(params.seed)
@@ -140,7 +139,7 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         turn=turn,
         repairs={
             **result.repairs,
-            **({"non_finite_points": cloud.repaired} if cloud is not None else {}),
+            **({"non_finite_points": cloud.repaired, **cloud.problems} if cloud is not None else {}),
             **surface.problems,
         },
     )
@@ -176,7 +175,7 @@ def _cloud(shape: str, cloud: Cloud, params: NormalizeParams, turn: float) -> No
         center=_triple(frame.center),
         scale=frame.scale,
         turn=turn,
-        repairs={"non_finite_points": cloud.repaired},
+        repairs={"non_finite_points": cloud.repaired, **cloud.problems},
     )
 
 
@@ -197,7 +196,7 @@ def _finite(shape: str, cloud: Cloud, params: NormalizeParams) -> Cloud:
     from b23d.stages.geometry.surface import Cloud
 
     bad = _check_finite(shape, cloud.points, params, "points")
-    return Cloud(fill_gaps(cloud.points), cloud.colors, repaired=bad)
+    return Cloud(fill_gaps(cloud.points), cloud.colors, bad, cloud.problems)
 
 
 def _check_finite(shape: str, points: np.ndarray, params: NormalizeParams, what: str) -> int:
@@ -207,8 +206,7 @@ def _check_finite(shape: str, points: np.ndarray, params: NormalizeParams, what:
     if bad > params.max_nonfinite * len(points) or bad == len(points):
         raise ValueError(
             f"{shape}: expected finite {what}, got {bad} of {len(points)} NaN or infinite; "
-            "mend the file, remove the shape, or "
-            "raise stages.normalize.max_nonfinite"
+            "mend the file, remove the shape, or raise stages.normalize.max_nonfinite"
         )
     return bad
 

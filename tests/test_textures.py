@@ -40,8 +40,10 @@ def expected(u: float, v: float) -> np.ndarray:
     return SHADES[int((1 - v % 1) * 48) % 48, int((u % 1) * 64)].astype(int)
 
 
-MTL = b"newmtl pic\nKd 0 0 0\nmap_Kd -s 1 1 1 my pic.png\n"
-MTL += b"newmtl plain\nKd 1 .5 0\nnewmtl lost\nKd 0 0 1\nmap_Kd C:\\gone.jpg\n"
+MTL = (
+    b"newmtl pic\nKd 0 0 0\nmap_Kd -s 1 1 1 my pic.png\n"
+    b"newmtl plain\nKd 1 .5 0\nnewmtl lost\nKd 0 0 1\nmap_Kd C:\\gone.jpg\n"
+)
 PLACES = [(0.8, 0.1, 0.1), (0.1, 0.8, 0.1), (0.1, 0.1, 0.8), (0.3, 0.3, 0.4)]
 
 
@@ -52,9 +54,15 @@ def textured(uvs: list[tuple[float, float]], more: bytes = b"") -> NormalizedSha
     return normalize(Source(shape="s", files=files, mesh="mesh.obj"), NormalizeParams(count=64))
 
 
-@pytest.mark.parametrize("uvs", [[(0, 0), (1, 0), (1, 1)], [(0.2, 0.1), (0.9, 0.3), (0.6, 0.7)],
-                                 [(-3.8, 7.1), (-3.1, 7.3), (-3.4, 7.7)],
-                                 [(0.5, 0.5), (2.5, 0.6), (1.5, 3.4)]])  # fmt: skip
+@pytest.mark.parametrize(
+    "uvs",
+    [
+        [(0, 0), (1, 0), (1, 1)],
+        [(0.2, 0.1), (0.9, 0.3), (0.6, 0.7)],
+        [(-3.8, 7.1), (-3.1, 7.3), (-3.4, 7.7)],
+        [(0.5, 0.5), (2.5, 0.6), (1.5, 3.4)],
+    ],
+)
 @pytest.mark.parametrize("more", [b"", b"usemtl plain\nf 3 4 5\nusemtl unknown\nf 1 3 4"])
 def test_texture_shows_what_the_image_has_there(uvs: list[tuple[float, float]], more: bytes) -> None:
     """Alone or in an atlas; within one repeat, shifted by whole repeats, or across several."""

@@ -1,97 +1,57 @@
-"""Point clouds: PCD (ASCII and binary), XYZ, NPZ. Their points keep the file's order, since keypoints count them."""
+"""Point clouds as rows of text (XYZ) or arrays (NPZ). Their points keep the file's order, since keypoints count
+them."""
 
 from __future__ import annotations
 
 import io
 import re
 import zipfile
+from typing import Any
 
 import numpy as np
 
 from b23d.stages.geometry.surface import Cloud, MalformedError, to_uint8
-from b23d.stages.geometry.text import numbers, plain, tokens_per_line, uncommented
+from b23d.stages.geometry.text import numbers, plain, tokens_per_line, uncommented, without_commas
 
 POINT_KEYS = ("points", "xyz", "vertices", "pos", "pc", "cloud")
 COLOR_KEYS = ("colors", "rgb", "vertex_colors")
-
-
-def read_pcd(data: bytes) -> Cloud:
-    """A PCD file of the Point Cloud Library; `rgb` is its packed colour, as integer or as the bits of a float.
-
-    Raises MalformedError, also for `DATA binary_compressed`.
-    """
-    start = re.search(rb"(?m)^DATA[ \t]+(\w+)[ \t]*\r?\n", data)
-    if start is None:
-        raise MalformedError(
-            "header: expected a PCD header that ends with `DATA ascii` or `DATA binary`, got none; is it a PCD file?"
-        )
-    header = {
-        words[0]: words[1:] for line in data[: start.start()].decode("latin-1").splitlines() if (words := line.split())
-    }
-    fields = header.get("FIELDS", header.get("COLUMNS", []))
-    try:
-        counts = [int(n) for n in header.get("COUNT", ["1"] * len(fields))]
-        sizes = [int(n) for n in header["SIZE"]]
-        kinds = [{"F": "f", "U": "u", "I": "i"}[kind] for kind in header["TYPE"]]
-        rows = int(header["POINTS"][0]) if "POINTS" in header else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
-        types = [np.dtype(f"<{kind}{size}") for kind, size in zip(kinds, sizes, strict=True)]
-        layout = np.dtype([(f"{i}", kind, (count,)) for i, (kind, count) in enumerate(zip(types, counts, strict=True))])
-        x, y, z = (fields.index(axis) for axis in "xyz")
-        if len(fields) != len(types) or rows < 0 or min(counts) < 1:
-            raise ValueError("counts differ")
-    except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise MalformedError(
-            "header: expected FIELDS with x y z and as many SIZE, TYPE and COUNT, got others; convert it again"
-        ) from error
-
-    encoding = start.group(1).lower()
-    body = data[start.end() :]
-    if encoding == b"ascii":
-        values = numbers(uncommented(plain(body)), "points")
-        width = sum(counts)
-        if len(values) != rows * width:
-            raise MalformedError(
-                f"points: expected {rows} rows of {width} numbers, got {len(values)} numbers; copy the file again"
-            )
-        table = values.reshape(rows, width)
-        first = np.cumsum(counts) - counts
-        columns = [
-            table[:, c].astype(kind) if kind.kind != "f" else table[:, c] for c, kind in zip(first, types, strict=True)
-        ]
-    elif encoding == b"binary":
-        if len(body) < rows * layout.itemsize:
-            raise MalformedError(
-                f"points: expected {rows * layout.itemsize} bytes, got {len(body)}; copy the file again"
-            )
-        record = np.frombuffer(body, layout, count=rows)
-        columns = [record[name][:, 0] for name in layout.names or ()]
-    else:
-        raise MalformedError(
-            f"data: expected ascii or binary, got {encoding.decode()}; "
-            "convert it (pcl_convert_pcd_ascii_binary, Open3D)"
-        )
-    points = np.stack([columns[axis] for axis in (x, y, z)], axis=1).astype(np.float64)
-    packed = next((fields.index(name) for name in ("rgb", "rgba") if name in fields), None)
-    return Cloud(points, None if packed is None else _unpack(columns[packed]))
+WIDEST = 16
+"""An array of more columns is no list of points: it may be one that is transposed."""
+MOST = 200 << 20
+"""Bytes that an array of a compressed file may have, at least."""
 
 
 def read_xyz(data: bytes) -> Cloud:
-    """Lines of `x y z …`, blanks or commas between; `r g b` (0 … 255) in the last 3 of 6 or more columns, else those
-    are ignored.
+    """Lines of `x y z …`; blanks, tabs, commas or semicolons between; `r g b` (0 … 255) in the last 3 of 6 or more
+    columns, else those are ignored.
 
-    Lines that begin with a letter or `#`, and a first line that holds only the count, are skipped. Raises
-    MalformedError.
+    Lines at the start that begin with a letter, comments behind `#` or `//`, and a first line that holds only the count
+    are passed over. Raises MalformedError.
     """
-    text = re.sub(
-        rb"(?mi)^(?!nan|inf)[a-z/][^\n]*\n", b"", uncommented(plain(data).replace(b",", b" ").replace(b";", b" "))
-    )
-    text = re.sub(rb"\A\s*\d+ *\n", b"", text)
-    text = re.sub(rb"\n\s*\n", b"\n", text).lstrip()
+    text = uncommented(plain(data).replace(b";", b" "))
+    text = re.sub(rb"(?m)^//[^\n]*", b"", text)
+    head = re.match(rb"(?i)(?:(?!nan|inf)\"?[a-z_][^\n]*\n|\s*\n)*", text)
+    skipped = 0 if head is None else head.end()
+    count = re.match(rb"(\d+) *\n\s*(?=\S)", text[skipped:])
+    skipped += 0 if count is None else count.end()
+    first = text.count(b"\n", 0, skipped) + 1
+    lines = np.arange(first, first + text.count(b"\n", skipped))
+    text = without_commas(text[skipped:], "points", lines)
     widths = tokens_per_line(text)
-    values = numbers(text, "points")
-    if not len(widths) or (widths != widths[0]).any() or widths[0] < 3 or len(values) != widths.sum():
+    values = numbers(text, "points", lines)
+    lines, widths = lines[widths > 0], widths[widths > 0]
+    if (
+        not len(widths)
+        or (wrong := np.flatnonzero((widths != widths[0]) | (widths < 3))).size
+        or len(values) != widths.sum()
+    ):
+        got = f"line {lines[wrong[0]]} of {widths[wrong[0]]}" if len(widths) and wrong.size else "others"
         raise MalformedError(
-            "points: expected lines of x y z (and more columns, equally many in each line), got others; write it again"
+            f"points: expected lines of x y z (and more columns, equally many in each line), got {got}; write it again"
+        )
+    if count is not None and int(count[1]) != len(widths):
+        raise MalformedError(
+            f"points: expected {int(count[1])}, as the first line says, got {len(widths)}; copy it again"
         )
     table = values.reshape(len(widths), int(widths[0]))
     last = table[:, -3:]
@@ -108,35 +68,77 @@ def read_npz(data: bytes) -> Cloud:
     Colours (n, 3) are read from colors, rgb or vertex_colors. Pickled objects are never loaded. Raises MalformedError.
     """
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile) as error:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            headers = {name: _header(archive, entry) for name, entry in members.items()}
+            usable = [
+                name
+                for name, (shape, kind, _) in headers.items()
+                if len(shape) == 2
+                and shape[1] >= 3
+                and kind.kind in "fiu"
+                and name not in (*COLOR_KEYS, "normals", "faces")
+            ]
+            name = next((key for key in POINT_KEYS if key in usable), usable[0] if len(usable) == 1 else None)
+            if name is None:
+                raise _no_points(headers)
+            points = _array(archive, members[name], *headers[name], len(data), name)
+            shapes = {key: headers[key][0] for key in COLOR_KEYS if key in headers}
+            key = next((key for key, shape in shapes.items() if shape == (len(points), 3)), None)
+            colors = None if key is None else _array(archive, members[key], *headers[key], len(data), key)
+    except MalformedError:
+        raise
+    except Exception as error:  # zipfile, zlib and numpy each have their own
         raise MalformedError(
             "file: expected an npz archive of plain arrays, got something else; write it with numpy.savez"
         ) from error
-    others = (*COLOR_KEYS, "normals", "faces")
-    usable = {
-        name: a
-        for name, a in arrays.items()
-        if a.ndim == 2 and a.shape[1] >= 3 and a.dtype.kind in "fiu" and name not in others
-    }
-    name = next((key for key in POINT_KEYS if key in usable), next(iter(usable)) if len(usable) == 1 else None)
-    if name is None:
-        got = ", ".join(f"{key} {a.shape}" for key, a in arrays.items()) or "none"
+    if points.shape[1] > WIDEST and len(points) <= WIDEST:
         raise MalformedError(
-            f"arrays: expected one called `points` of shape (n, 3), got {got}; write it with numpy.savez(points=…)"
+            f"{name}: expected an array (n, 3), got {points.shape}, which looks transposed; save {name}.T"
         )
-    colors = next(
-        (arrays[key] for key in COLOR_KEYS if key in arrays and arrays[key].shape == (len(usable[name]), 3)), None
+    if points.shape[1] > WIDEST:
+        raise _no_points(headers)
+    return Cloud(
+        points[:, :3].astype(np.float64),
+        None if colors is None or colors.dtype.kind not in "fiu" else to_uint8(colors),
     )
-    return Cloud(usable[name][:, :3].astype(np.float64), None if colors is None else to_uint8(colors))
 
 
-def _unpack(packed: np.ndarray) -> np.ndarray:
-    """PCL's packed colour (…, 0xAARRGGBB) as (n, 3) uint8."""
-    bits = (
-        packed.astype(np.float32).view(np.uint32)
-        if packed.dtype.kind == "f"
-        else packed.astype(np.int64).astype(np.uint32)
+def _no_points(headers: dict[str, tuple[tuple[int, ...], np.dtype, bool]]) -> MalformedError:
+    got = ", ".join(f"{key} {shape} {kind}" for key, (shape, kind, _) in headers.items()) or "none"
+    return MalformedError(
+        f"arrays: expected one called `points` of shape (n, 3), got {got[:500]}; write it with numpy.savez(points=…)"
     )
-    return np.stack([(bits >> 16) & 255, (bits >> 8) & 255, bits & 255], axis=1).astype(np.uint8)
+
+
+def _header(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> tuple[tuple[int, ...], np.dtype, bool]:
+    """Shape, type and whether in Fortran's order, of an array that is not read. Raises MalformedError for objects."""
+    with archive.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        read: Any = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, kind = read(file)
+    if kind.hasobject:
+        raise MalformedError(
+            f"{entry.filename}: expected an npz archive of plain arrays, got pickled objects; write it with numpy.savez"
+        )
+    return shape, kind, fortran
+
+
+def _array(
+    archive: zipfile.ZipFile,
+    entry: zipfile.ZipInfo,
+    shape: tuple[int, ...],
+    kind: np.dtype,
+    fortran: bool,
+    size: int,
+    name: str,
+) -> np.ndarray:
+    """An array of the archive. Raises MalformedError where its header promises more than the file can honestly hold."""
+    promised = kind.itemsize * int(np.prod(shape, dtype=object))
+    if promised > entry.file_size or entry.file_size > MOST + 4 * size:
+        raise MalformedError(
+            f"{name}: expected an array of {entry.file_size} bytes in a file of {size}, got one of {promised}; "
+            "write it with numpy.savez"
+        )
+    data = archive.read(entry)[-promised:] if promised else b""
+    return np.frombuffer(data, kind).reshape(shape, order="F" if fortran else "C")

@@ -12,40 +12,69 @@ import posixpath
 import re
 from urllib.parse import unquote
 
-MAP_OPTIONS = {b"-s": 3, b"-o": 3, b"-t": 3, b"-mm": 2, b"-bm": 1, b"-blendu": 1, b"-blendv": 1, b"-cc": 1,
-               b"-clamp": 1, b"-texres": 1, b"-imfchan": 1, b"-boost": 1, b"-type": 1}  # fmt: skip
+from b23d.stages.geometry.encoding import decoded, unmarked
+
+MAP_OPTIONS = {
+    **dict.fromkeys((b"-s", b"-o", b"-t"), 3),
+    b"-mm": 2,
+    **dict.fromkeys(
+        (b"-bm", b"-blendu", b"-blendv", b"-cc", b"-clamp", b"-texres", b"-imfchan", b"-boost", b"-type"), 1
+    ),
+}
 """Options that may stand before the file name of `map_Kd`, and how many values each takes (at most, where it may
 vary)."""
 
 
 def material_files(obj: bytes) -> list[str]:
-    """The MTL files an OBJ names, relative to it."""
-    names = re.findall(rb"(?m)^[ \t]*mtllib[ \t]+([^\r\n]+)", obj)
-    return _relative("", names)
+    """The MTL files an OBJ may mean, relative to it: where a line has blanks, the whole of it and its parts."""
+    return [name for whole, parts in material_lines(obj) for name in dict.fromkeys([whole, *parts])]
+
+
+def material_lines(obj: bytes) -> list[tuple[str, list[str]]]:
+    """Each `mtllib` line of an OBJ: all of it as one name (which may have blanks), and as the several it may be."""
+    lines = re.findall(rb"(?m)^[ \t]*mtllib[ \t]+([^\r\n]+)", unmarked(obj))
+    found = []
+    for line in dict.fromkeys(lines):
+        parts = re.findall(rb'"[^"]+"|\S.*?\.mtl(?=\s|$)|\S+', line, re.IGNORECASE)
+        found += [(whole, _relative("", parts)) for whole in _relative("", [line])]
+    return found
 
 
 def texture_files(mtl: bytes, mtl_name: str) -> list[str]:
     """The diffuse images an MTL names, relative to the OBJ that names the MTL as `mtl_name`."""
-    lines = re.findall(rb"(?mi)^[ \t]*map_Kd[ \t]+([^\r\n]+)", mtl)
+    lines = re.findall(rb"(?mi)^[ \t]*map_Kd[ \t]+([^\r\n]+)", unmarked(mtl))
     return _relative(posixpath.dirname(mtl_name), [image_name(line) for line in lines])
 
 
 def ply_textures(ply: bytes) -> list[str]:
     """The images a PLY's header names, in the order its texture numbers mean; relative to it."""
+    ply = unmarked(ply)
     header = ply[: max(ply.find(b"end_header"), 0)]
     return _relative("", re.findall(rb"(?mi)^comment[ \t]+TextureFile[ \t]+([^\r\n]+)", header))
 
 
 def gltf_files(gltf: bytes) -> list[str]:
-    """The buffers and images a glTF (JSON) names, relative to it; embedded ones are none. Empty where it is not
+    """The buffers and images a glTF or GLB names, relative to it; embedded ones are none. Empty where it is not
     JSON."""
     try:
-        tree = json.loads(gltf)
+        tree = json.loads(unmarked(gltf_json(gltf)))
         entries = [*tree.get("buffers", []), *tree.get("images", [])]
         uris = [entry["uri"] for entry in entries if not entry.get("uri", "data:").startswith("data:")]
-    except (ValueError, AttributeError, TypeError):
+    except (ValueError, AttributeError, TypeError, RecursionError):
         return []
-    return _relative("", [unquote(uri).encode() for uri in uris])
+    return _relative("", [name.encode() for uri in uris for name in uri_names(uri)])
+
+
+def gltf_json(data: bytes) -> bytes:
+    """The JSON of a glTF, or of a GLB, whose first chunk it is (as far as `data` goes)."""
+    if not data.startswith(b"glTF"):
+        return data
+    return data[20 : 20 + int.from_bytes(data[12:16], "little")]
+
+
+def uri_names(uri: str) -> list[str]:
+    """The file names that a URI may mean: percent-decoded as the standard wants, and as written."""
+    return list(dict.fromkeys([unquote(uri), uri]))
 
 
 def image_name(line: bytes) -> bytes:
@@ -65,7 +94,7 @@ def image_name(line: bytes) -> bytes:
 
 def relative(folder: str, name: bytes) -> str | None:
     """`name` as a file in `folder` would name it, normalized and with `/`; None for an absolute name."""
-    text = name.decode("utf-8", "replace").strip().strip('"').replace("\\", "/")
+    text = decoded(name).strip().strip('"').replace("\\", "/")
     if not text or text.startswith("/") or re.match(r"[A-Za-z]:", text) or "://" in text:
         return None
     return posixpath.normpath(posixpath.join(folder, text))

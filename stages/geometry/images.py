@@ -8,26 +8,29 @@ import posixpath
 import numpy as np
 from PIL import Image
 
+from b23d.stages.geometry.encoding import alike
+
 LARGEST = 1024
 """Longest side of a texture, pixels: views are a few hundred pixels wide, and more would only be stored."""
 
 
 def find(files: dict[str, bytes], name: str) -> bytes | None:
     """The file called `name`; else the only one with its name in any folder and any case (exporters disagree on
-    both)."""
+    both), however accents are stored."""
     if name in files:
         return files[name]
-    base = posixpath.basename(name).lower()
-    alike = [data for other, data in files.items() if posixpath.basename(other).lower() == base]
-    return alike[0] if len(alike) == 1 else None
+    base = alike(posixpath.basename(name))
+    found = [data for other, data in files.items() if alike(posixpath.basename(other)) == base]
+    return found[0] if len(found) == 1 else None
 
 
-def decode(data: bytes) -> np.ndarray | None:
-    """An image file as (h, w, 3) uint8, first row on top, transparent parts white; None where it cannot be read."""
+def decode(data: bytes, opaque: bool = False) -> np.ndarray | None:
+    """An image file as (h, w, 3) uint8, first row on top, transparent parts white unless `opaque`; None where it
+    cannot be read."""
     try:
         with Image.open(io.BytesIO(data)) as image:
             image.load()
-            return flatten(image)
+            return flatten(image, opaque)
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError):
         return None
 

@@ -49,16 +49,17 @@ Reader = Callable[[bytes, dict[str, bytes], bool], Surface | Cloud]
 
 
 def _reader(suffix: str) -> Reader | None:
-    from b23d.stages.geometry import clouds, obj, off, ply, scenes
+    from b23d.stages.geometry import clouds, gltf, obj, off, pcd, ply, stl
 
     readers: dict[str, Reader] = {
         ".obj": obj.read_obj,
         ".ply": ply.read_ply,
         ".off": lambda data, files, colors: off.read_off(data, colors),
-        ".pcd": lambda data, files, colors: clouds.read_pcd(data),
+        ".stl": lambda data, files, colors: stl.read_stl(data),
+        ".glb": gltf.read_gltf,
+        ".gltf": gltf.read_gltf,
+        ".pcd": lambda data, files, colors: pcd.read_pcd(data),
         ".xyz": lambda data, files, colors: clouds.read_xyz(data),
         ".npz": lambda data, files, colors: clouds.read_npz(data),
     }
-    for kind in ("stl", "glb", "gltf"):
-        readers[f".{kind}"] = lambda data, files, colors, kind=kind: scenes.read_scene(data, kind, files, colors)  # type: ignore[misc]
     return readers.get(suffix)

@@ -1,19 +1,89 @@
-"""Wavefront OBJ and MTL. Our own reader because keypoint indices count `v` lines: trimesh splits a mesh by material and
-by texture seam, and renumbers its vertices."""
+"""Wavefront OBJ. Our own reader because keypoint indices count `v` lines: trimesh splits a mesh by material and by
+texture seam, and renumbers its vertices."""
 
 from __future__ import annotations
 
-import posixpath
+import re
+from dataclasses import dataclass
 
 import numpy as np
 
-from b23d.stages.geometry.companions import image_name, material_files, relative
-from b23d.stages.geometry.images import decode, find
-from b23d.stages.geometry.surface import Cloud, MalformedError, Material, Surface, check_faces, fans, to_uint8
-from b23d.stages.geometry.text import corners, numbers, plain, tokens_per_line, uncommented
+from b23d.stages.geometry.companions import material_lines
+from b23d.stages.geometry.images import find
+from b23d.stages.geometry.mtl import read_mtl
+from b23d.stages.geometry.polygons import check_corners, triangulate
+from b23d.stages.geometry.surface import Cloud, MalformedError, Material, Surface, to_uint8
+from b23d.stages.geometry.text import corners, numbers, plain, tokens_per_line, uncommented, without_commas
 
-Lines = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""All bytes (uint8), and where each line begins and ends (its line end included)."""
+
+@dataclass
+class Lines:
+    """An OBJ's text, line by line."""
+
+    text: bytes
+    buffer: np.ndarray
+    """All bytes, uint8."""
+    begins: np.ndarray
+    """(lines,) int64, where each begins."""
+    ends: np.ndarray
+    """(lines,) int64, behind each line's end."""
+
+    @classmethod
+    def of(cls, data: bytes) -> Lines:
+        text = plain(data)
+        if b"\\\n" in text:  # a line goes on; empty lines behind it keep the count right
+            text = re.sub(
+                rb"(?:[^\n]*\\\n)+[^\n]*\n", lambda m: m[0].replace(b"\\\n", b" ") + b"\n" * m[0].count(b"\\\n"), text
+            )
+        buffer = np.frombuffer(text, np.uint8)
+        ends = np.flatnonzero(buffer == 10) + 1
+        return cls(text, buffer, np.concatenate([[0], ends[:-1]]), ends)
+
+    def starting(self, keyword: bytes) -> np.ndarray:
+        """Which lines begin with a keyword of one or two letters and a blank: (lines,) bool."""
+        chosen = np.ones(len(self.begins), bool)
+        for i, letter in enumerate(keyword + b" "):
+            chosen &= self.buffer[np.minimum(self.begins + i, len(self.buffer) - 1)] == letter
+        return chosen
+
+    def block(self, chosen: np.ndarray, what: str) -> Block:
+        """The chosen lines without their keywords, comments and commas, as one text."""
+        block = self.buffer[np.repeat(chosen, self.ends - self.begins)]
+        lengths = (self.ends - self.begins)[chosen]
+        starts = np.cumsum(lengths) - lengths
+        block[starts] = ord(" ")
+        if len(starts) and block[starts[0] + 1] == ord("t"):
+            block[starts + 1] = ord(" ")
+        lines = np.flatnonzero(chosen) + 1
+        text = without_commas(uncommented(block.tobytes()), what, lines)
+        return Block(text, what, lines, tokens_per_line(text))
+
+
+@dataclass
+class Block:
+    """The lines of one keyword, without it."""
+
+    text: bytes
+    what: str
+    lines: np.ndarray
+    """(lines,) int64, the file's number of each."""
+    counts: np.ndarray
+    """(lines,) int64, how many tokens each has."""
+
+    def numbers(self, least: int) -> np.ndarray:
+        """All numbers. Raises MalformedError where a line has fewer than `least`."""
+        values = numbers(self.text, self.what, self.lines)
+        short = np.flatnonzero(self.counts < least)
+        if len(short):
+            raise MalformedError(
+                f"line {self.lines[short[0]]}: {self.what} {short[0]}: expected {least} numbers, "
+                f"got {self.counts[short[0]]}; export the mesh again"
+            )
+        if len(values) != self.counts.sum():
+            raise MalformedError(
+                f"{self.what}: expected numbers with blanks between, got others; export the mesh again"
+            )
+        return values
 
 
 def read_obj(data: bytes, files: dict[str, bytes], colors: bool) -> Surface | Cloud:
@@ -22,78 +92,49 @@ def read_obj(data: bytes, files: dict[str, bytes], colors: bool) -> Surface | Cl
     `files` holds the MTLs and images by name relative to the OBJ; what is missing is counted in `problems`.
     Raises MalformedError.
     """
-    text = plain(data)
-    if b"\\\n" in text:
-        text = text.replace(b"\\\n", b" ")
-    buffer = np.frombuffer(text, np.uint8)
-    ends = np.flatnonzero(buffer == 10) + 1
-    begins = np.concatenate([[0], ends[:-1]])
-    lines = (buffer, begins, ends)
-    first, second = buffer[begins], buffer[np.minimum(begins + 1, len(buffer) - 1)]
-    is_vertex = (first == ord("v")) & (second == ord(" "))
-    is_uv = (first == ord("v")) & (second == ord("t"))
-    is_face = (first == ord("f")) & (second == ord(" "))
-
-    vertices, vertex_colors = _vertices(_block(lines, is_vertex))
+    lines = Lines.of(data)
+    is_vertex, is_uv, is_face = (
+        lines.starting(b"v"),
+        lines.starting(b"vt"),
+        lines.starting(b"f") | lines.starting(b"fo"),
+    )
+    vertices, vertex_colors = _vertices(lines.block(is_vertex, "vertex"))
     if not is_face.any():
         return Cloud(vertices, vertex_colors)
-    uvs = _uvs(_block(lines, is_uv)) if colors and is_uv.any() else np.zeros((0, 2))
 
-    block = _block(lines, is_face)
-    counts = tokens_per_line(block)
-    index, uv_index = corners(block, "faces")
-    polygon_line = np.flatnonzero(is_face)
-    line_of_corner = np.repeat(polygon_line, counts)
+    block = lines.block(is_face, "face")
+    index, uv_index = corners(block.text, "face", block.lines)
+    line_of_corner = np.repeat(np.flatnonzero(is_face), block.counts)
     index = _absolute(index, np.cumsum(is_vertex)[line_of_corner])
-    uv_index = _absolute(uv_index, np.cumsum(is_uv)[line_of_corner])
-    triangles, polygon = fans(counts)
-    surface = Surface(vertices, index[triangles])
-    if (counts < 3).any():
-        surface.problems["polygons_of_one_or_two"] = int((counts < 3).sum())
-    check_faces(surface.faces, len(vertices))
+    check_corners(index, block.counts, len(vertices), block.lines)
+    cut = triangulate(vertices, index, block.counts)
+    surface = Surface(vertices, index[cut.corners])
+    surface.count("polygons_of_one_or_two", int((block.counts < 3).sum()))
+    surface.count("concave_polygons", cut.concave)
     if colors:
         surface.vertex_colors = vertex_colors
-        has_uv = ((uv_index >= 0) & (uv_index < len(uvs)))[triangles].all(axis=1)
+        uvs = _uvs(lines.block(is_uv, "texture coordinate")) if is_uv.any() else np.zeros((0, 2))
+        uv_index = _absolute(uv_index, np.cumsum(is_uv)[line_of_corner])
+        has_uv = ((uv_index >= 0) & (uv_index < len(uvs)))[cut.corners].all(axis=1)
         if has_uv.any():
-            surface.face_uvs = np.full((len(triangles), 3, 2), np.nan)
-            surface.face_uvs[has_uv] = uvs[uv_index[triangles[has_uv]]]
-        _materials(surface, text, lines, first == ord("u"), polygon_line[polygon], files)
+            surface.face_uvs = np.full((len(cut.corners), 3, 2), np.nan)
+            surface.face_uvs[has_uv] = uvs[uv_index[cut.corners[has_uv]]]
+        _materials(surface, lines, np.flatnonzero(is_face)[cut.polygon], files)
     return surface
 
 
-def _block(lines: Lines, chosen: np.ndarray) -> bytes:
-    """The chosen lines without their keywords and comments, as one text."""
-    buffer, begins, ends = lines
-    block = buffer[np.repeat(chosen, ends - begins)]
-    lengths = (ends - begins)[chosen]
-    starts = np.cumsum(lengths) - lengths
-    block[starts] = ord(" ")
-    if len(starts) and block[starts[0] + 1] == ord("t"):
-        block[starts + 1] = ord(" ")
-    return uncommented(block.tobytes())
-
-
-def _vertices(block: bytes) -> tuple[np.ndarray, np.ndarray | None]:
+def _vertices(block: Block) -> tuple[np.ndarray, np.ndarray | None]:
     """(v, 3) positions and (v, 3) colours from `x y z`, `x y z w`, `x y z r g b` or `x y z w r g b` lines."""
-    counts = tokens_per_line(block)
-    values = numbers(block, "vertices")
-    if len(values) != counts.sum() or (counts < 3).any():
-        bad = int(np.argmax(counts < 3))
-        raise MalformedError(
-            f"vertex {bad}: expected 3 coordinates, got {counts[bad] if len(counts) else 0}; export the mesh again"
-        )
+    values, counts = block.numbers(least=3), block.counts
     starts = np.cumsum(counts) - counts
-    positions = values[starts[:, None] + np.arange(3)]
+    positions = values[starts[:, None] + np.arange(3)] if len(counts) else np.zeros((0, 3))
     if not len(counts) or (counts < 6).any():
         return positions, None
     return positions, to_uint8(values[(starts + counts)[:, None] - np.arange(3, 0, -1)])
 
 
-def _uvs(block: bytes) -> np.ndarray:
-    counts = tokens_per_line(block)
-    values = numbers(block, "texture coordinates")
-    if len(values) != counts.sum() or (counts < 1).any():
-        raise MalformedError("texture coordinates: expected `vt u v` lines, got an empty one; export the mesh again")
+def _uvs(block: Block) -> np.ndarray:
+    values, counts = block.numbers(least=1), block.counts
     starts = np.cumsum(counts) - counts
     v = np.where(counts > 1, values[np.minimum(starts + 1, len(values) - 1)], 0.0)
     return np.stack([values[starts], v], axis=1)
@@ -106,49 +147,25 @@ def _absolute(index: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return np.where((index < 0) & (absolute < 0), -(2**40), absolute)  # before the first: keep it out of range
 
 
-def _materials(
-    surface: Surface, text: bytes, lines: Lines, chosen: np.ndarray, face_line: np.ndarray, files: dict[str, bytes]
-) -> None:
+def _materials(surface: Surface, lines: Lines, face_line: np.ndarray, files: dict[str, bytes]) -> None:
     """Set materials and face_materials from the `usemtl` lines and the MTL files."""
-    _, begins, ends = lines
-    uses = [line for line in np.flatnonzero(chosen) if text.startswith(b"usemtl", begins[line])]
+    text = lines.text
+    begins_with_u = lines.buffer[lines.begins] == ord("u")
+    uses = [line for line in np.flatnonzero(begins_with_u) if text.startswith(b"usemtl", lines.begins[line])]
     if not uses:
         return
-    names = [text[begins[line] + len(b"usemtl") : ends[line]].strip() for line in uses]
+    names = [text[lines.begins[line] + len(b"usemtl") : lines.ends[line]].strip() for line in uses]
     known: dict[bytes, Material] = {}
-    for mtl_name in material_files(text):
-        mtl = find(files, mtl_name)
-        if mtl is None:
-            surface.problems["missing_material_files"] = surface.problems.get("missing_material_files", 0) + 1
-        else:
-            known.update(read_mtl(mtl, mtl_name, files, surface.problems))
+    for whole, parts in material_lines(text):
+        found: dict[bytes, Material] = {}
+        for name in reversed([whole] if find(files, whole) is not None else parts):  # the first of a line wins
+            mtl = find(files, name)
+            if mtl is None:
+                surface.count("missing_material_files", 1)
+            else:
+                found.update(read_mtl(mtl, name, files, surface.problems))
+        known.update(found)
     order = {name: i for i, name in enumerate(dict.fromkeys(names))}
     surface.materials = [known.get(name, Material()) for name in order]
     of_use = np.array([-1, *(order[name] for name in names)])
     surface.face_materials = of_use[np.searchsorted(uses, face_line)]
-
-
-def read_mtl(data: bytes, mtl_name: str, files: dict[str, bytes], problems: dict[str, int]) -> dict[bytes, Material]:
-    """The materials of an MTL file by name: `map_Kd`, else `Kd` (taken as sRGB, as most programs write it).
-
-    An image that is absent or unreadable leaves `Kd`, and is counted in `problems`.
-    """
-    folder = posixpath.dirname(mtl_name)
-    materials: dict[bytes, Material] = {}
-    current = Material()
-    for line in plain(data).split(b"\n"):
-        key, _, rest = line.strip().partition(b" ")
-        if key == b"newmtl":
-            current = materials[rest.strip()] = Material()
-        elif key == b"Kd" and rest.split()[:1] not in ([b"spectral"], [b"xyz"]):
-            values = np.clip(numbers(uncommented(rest), "Kd")[:3], 0, 1)
-            if len(values):
-                red, green, blue = (round(float(v) * 255) for v in (values if len(values) == 3 else values[[0, 0, 0]]))
-                current.color = (red, green, blue)
-        elif key.lower() == b"map_kd":
-            name = relative(folder, image_name(rest))
-            image = find(files, name) if name else None
-            current.image = decode(image) if image else None
-            if current.image is None:
-                problems["missing_textures"] = problems.get("missing_textures", 0) + 1
-    return materials

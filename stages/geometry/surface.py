@@ -25,7 +25,7 @@ class Material:
 
 @dataclass
 class Surface:
-    """A polygon mesh as its file has it, polygons cut into fans of triangles."""
+    """A polygon mesh as its file has it, polygons cut into triangles."""
 
     vertices: np.ndarray
     """(v, 3) float64, source frame, in the file's order; may hold NaN."""
@@ -42,6 +42,16 @@ class Surface:
     problems: dict[str, int] = field(default_factory=dict)
     """What could not be read but does no harm, counted: missing_textures, …"""
 
+    def count(self, what: str, times: int) -> None:
+        """Add to `problems`; nothing where there is nothing to tell."""
+        if times:
+            self.problems[what] = self.problems.get(what, 0) + times
+
+    def paint(self, colors: np.ndarray) -> None:
+        """One plain material for each of the faces' colours (f, 3) uint8."""
+        palette, self.face_materials = unique_colors(colors)
+        self.materials = [Material(color=(int(r), int(g), int(b))) for r, g, b in palette]
+
 
 @dataclass
 class Cloud:
@@ -53,33 +63,8 @@ class Cloud:
     """(n, 3) uint8 sRGB."""
     repaired: int = 0
     """How many points were not finite and now lie on a neighbour."""
-
-
-def fans(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut polygons, given as runs of corners one after another, into fans of triangles.
-
-    `counts` (p,): corners of each polygon; those with fewer than 3 give no triangle. Returns the corners of each
-    triangle (t, 3), as indices into all corners, and the polygon of each triangle (t,).
-    """
-    triangles = np.maximum(counts - 2, 0)
-    polygon = np.repeat(np.arange(len(counts)), triangles)
-    first = (np.cumsum(counts) - counts)[polygon]
-    step = np.arange(len(polygon)) - (np.cumsum(triangles) - triangles)[polygon]
-    return np.stack([first, first + step + 1, first + step + 2], axis=1), polygon
-
-
-def check_faces(faces: np.ndarray, vertices: int) -> None:
-    """Raise MalformedError where a face names a vertex that does not exist, before anything else touches the
-    indices."""
-    wrong = ((faces < 0) | (faces >= vertices)).any(axis=1)
-    if wrong.any():
-        first = int(np.argmax(wrong))
-        index = next(int(i) for i in faces[first] if not 0 <= i < vertices)
-        raise MalformedError(
-            f"face {first}: expected vertex indices from 0 to {vertices - 1}, "
-            f"got {index} ({int(wrong.sum())} such faces); "
-            "export the mesh again"
-        )
+    problems: dict[str, int] = field(default_factory=dict)
+    """As a Surface's."""
 
 
 def to_uint8(colors: np.ndarray) -> np.ndarray:
