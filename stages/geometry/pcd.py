@@ -77,7 +77,8 @@ def _header(data: bytes) -> Header:
     placed = all(used.get(axis, 0) > 0 for axis in "xyz")
     if not placed or min(counts) < 0 or rows < 0 or any(kind.kind not in "fui" for kind in types):
         raise MalformedError(
-            f"header: expected FIELDS with x y z and whole counts, got {' '.join(fields)}, {rows} points; convert it again"
+            f"header: expected FIELDS with x y z and whole counts, got {' '.join(fields)}, {rows} points; "
+            "convert it again"
         )
     if len(sides) == 2 and sides[0] * sides[1] != rows:
         raise MalformedError(
