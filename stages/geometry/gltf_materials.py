@@ -50,7 +50,11 @@ def tinted(colors: np.ndarray, linear: np.ndarray | None) -> np.ndarray:
 
 
 def moved_uvs(uvs: np.ndarray, texture: dict[str, Any]) -> np.ndarray:
-    """(v, 2) after KHR_texture_transform, with the origin at the lower left, as everywhere but in glTF."""
+    """(v, 2) after KHR_texture_transform, with the origin at the lower left, as everywhere but in glTF.
+
+    Coordinates turn counter-clockwise as seen on the image, whose v grows downwards: so viewers do. The listing in the
+    extension's text turns them the other way (https://github.com/KhronosGroup/glTF/issues/1563).
+    """
     transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
     scaled = uvs * np.asarray(transform.get("scale", [1, 1]), np.float64)
     cosine, sine = np.cos(transform.get("rotation", 0.0)), np.sin(transform.get("rotation", 0.0))

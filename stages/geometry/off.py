@@ -47,6 +47,9 @@ def read_off(data: bytes, colors: bool) -> Surface | Cloud:
         )
     places = 3 + homogeneous
     _check_widths(full[:rows], places, lines)
+    last = np.flatnonzero(widths)[rows + polygons - 1] + 1 if rows + polygons else 0
+    behind = text.split(b"\n", last)[-1] if len(full) > rows + polygons else b""
+    text, full = text[: len(text) - len(behind)], full[: rows + polygons]
     values = numbers(text, "data", np.arange(first, first + len(widths)))
     if len(values) != full.sum():
         raise MalformedError("data: expected numbers with blanks between, got others; export the mesh again")
@@ -80,7 +83,7 @@ def read_off(data: bytes, colors: bool) -> Surface | Cloud:
     colored = full[rows : rows + polygons] - sizes - 1
     if colors and vertex_colors is None and (colored >= 3).all():
         surface.paint(to_uint8(values[(at + sizes + 1)[:, None] + np.arange(3)])[cut.polygon])
-    surface.count("trailing_lines", _trailing(values, starts, full, rows, polygons, lines))
+    surface.count("trailing_lines", _trailing(behind, rows, polygons, lines))
     return surface
 
 
@@ -95,16 +98,12 @@ def _check_widths(widths: np.ndarray, places: int, lines: np.ndarray) -> None:
         )
 
 
-def _trailing(
-    values: np.ndarray, starts: np.ndarray, widths: np.ndarray, rows: int, polygons: int, lines: np.ndarray
-) -> int:
+def _trailing(text: bytes, rows: int, polygons: int, lines: np.ndarray) -> int:
     """How many lines stand behind the faces. Raises MalformedError where the first looks like one more face."""
-    more = starts[rows + polygons :]
-    if not len(more):
-        return 0
-    row = values[more[0] : more[0] + widths[rows + polygons]]
-    corners = row[1 : 1 + int(row[0])] if row[0] in range(3, len(row)) else row[:0]
-    if len(corners) and (corners == np.floor(corners)).all() and (corners >= 0).all() and (corners < rows).all():
+    more = [line for line in text.split(b"\n") if line.strip()]
+    words = more[0].split() if more else []
+    corners = words[1 : 1 + int(words[0])] if words and words[0].isdigit() and len(words[0]) < 9 else []
+    if 3 <= len(corners) == int(words[0]) and all(word.isdigit() and int(word) < rows for word in corners):
         raise MalformedError(
             f"line {lines[rows + polygons]}: expected the end after {polygons} faces, as the header says, got another "
             "face; export the mesh again"

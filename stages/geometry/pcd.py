@@ -50,7 +50,7 @@ def read_pcd(data: bytes) -> Cloud:
 
 
 def _header(data: bytes) -> Header:
-    start = re.search(rb"(?mi)^DATA[ \t]+(\w+)[ \t]*(?:\r?\n|\Z)", data)
+    start = re.search(rb"(?i)(?:\A|[\r\n])DATA[ \t]+(\w+)[ \t]*(?:\r?\n|\r|\Z)", data)
     if start is None:
         raise MalformedError(
             "header: expected a PCD header that ends with `DATA ascii` or `DATA binary`, got none; is it a PCD file?"

@@ -64,9 +64,10 @@ class Body:
         """What reads one value, which should be a whole number, at a place; -1 where it is not."""
         if self.ascii:
             values = self.data.data
-            return lambda at: int(values[at]) if values[at] in range(1 << 40) else -1
+            return lambda at: _whole(values[at])
         read = struct.Struct((kind.byteorder if kind.byteorder in "<>" else "=") + FORMATS[kind.str[1:]]).unpack_from
-        return lambda at: int(value) if (value := read(self.data.data, at)[0]) >= 0 and value == value // 1 else -1
+        body = self.data.data
+        return lambda at: _whole(read(body, at)[0])
 
     def short(self, element: Element) -> MalformedError:
         return MalformedError(
@@ -88,6 +89,11 @@ class Body:
                 f"line {self.lines[first + row]}: {element.name} {row}: expected as many numbers as the header "
                 f"announces, got {got}; export the file again"
             )
+
+
+def _whole(value: float) -> int:
+    """The number itself, as int; -1 where it is not whole, negative, or longer than any list."""
+    return int(value) if 0 <= value < 2**40 and value == value // 1 else -1
 
 
 def read_tables(data: bytes) -> tuple[dict[str, Table], dict[str, int]]:

@@ -14,7 +14,7 @@ from b23d.stages.geometry.text import numbers, plain, tokens_per_line, without_c
 HEADER, RECORD = 84, 50
 """Bytes before the triangles of a binary file, and of each."""
 VERTEX = re.compile(rb"\bvertex\s+(\S+ +\S+ +\S+)")
-NAMES = re.compile(rb"(?m)^(?:end)?solid\b(?:(?!\bfacet\b)[^\n])*")
+NAMES = re.compile(rb"(?m)^(?:end)?solid\b(?:(?!\bfacet\s+normal\b)[^\n])*")
 
 
 def read_stl(data: bytes) -> Surface:
@@ -62,7 +62,7 @@ def _binary(data: bytes) -> Surface:
 
 
 def _ascii(text: bytes) -> Surface:
-    text = NAMES.sub(b"", text).lower()
+    text = NAMES.sub(b"", text.lower())
     if (first := text.find(b"vertex")) < 0:
         raise MalformedError("data: expected facets with vertices, got none; restore the mesh or remove the shape")
     found = list(VERTEX.finditer(text, first))

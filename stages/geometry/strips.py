@@ -12,7 +12,7 @@ def strip_triangles(index: np.ndarray) -> np.ndarray:
     begin = np.maximum.accumulate(np.where(np.concatenate([[True], ends[:-1]]), np.arange(len(index)), 0))
     first = np.flatnonzero(~(ends[:-2] | ends[1:-1] | ends[2:])) if len(index) > 2 else np.zeros(0, np.int64)
     odd = (first - begin[first]) % 2
-    return np.stack([index[first + odd], index[first + 1 - odd], index[first + 2]], axis=1).astype(np.int64)
+    return np.stack([index[first], index[first + 1 + odd], index[first + 2 - odd]], axis=1).astype(np.int64)
 
 
 def fan_triangles(index: np.ndarray) -> np.ndarray:
