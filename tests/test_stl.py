@@ -78,7 +78,7 @@ def test_what_a_header_gets_wrong_is_counted(data: bytes, problems: dict[str, in
         (binary(CORNERS[:0]), "expected triangles, got none"),
         (b"solid\n", "expected an ASCII STL or 84 bytes"),
         (text().replace(b"vertex 1", b"vertex x"), "line 5: vertex: expected numbers, got 'x'"),
-        (text()[:-60], "line 9: facet: expected 3 vertices, got 2"),
+        (text()[:-60], "line 9: facet: expected 3 vertices, got 1"),
         (text().replace(b"  vertex 1 0  0\n", b"", 1), "line 2: facet: expected 3 vertices, got 2"),
     ],
 )
