@@ -33,12 +33,10 @@ def load(shape: str, files: dict[str, bytes], name: str, colors: bool = True) ->
         loaded = reader(data, files, colors)
     except MalformedError as error:
         raise ValueError(f"{shape}: {name}: {error}") from error
-    except (
-        Exception
-    ) as error:  # a library's reader, or ours on bytes nobody foresaw: whatever it raises, the file is at fault
+    except Exception as error:  # on bytes nobody foresaw: whatever it is, the file is at fault
         raise ValueError(
-            f"{shape}: expected a readable {suffix[1:]} file, got {type(error).__name__}: {error}; "
-            f"open {name} in another program and export it again"
+            f"{shape}: {name}: expected a readable {suffix[1:]} file, got one this reader does not understand "
+            f"({type(error).__name__}: {str(error)[:200]}); open it in another program and export it again"
         ) from error
     if isinstance(loaded, Cloud) and not len(loaded.points):
         raise ValueError(f"{shape}: expected faces or points in {name}, got neither; restore it or remove the shape")
