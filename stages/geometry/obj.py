@@ -46,7 +46,7 @@ class Lines:
             chosen &= self.buffer[np.minimum(self.begins + i, len(self.buffer) - 1)] == letter
         return chosen
 
-    def block(self, chosen: np.ndarray, what: str) -> Block:
+    def block(self, chosen: np.ndarray, what: str) -> KeywordLines:
         """The chosen lines without their keywords, comments and commas, as one text."""
         block = self.buffer[np.repeat(chosen, self.ends - self.begins)]
         lengths = (self.ends - self.begins)[chosen]
@@ -56,11 +56,11 @@ class Lines:
             block[starts + 1] = ord(" ")
         lines = np.flatnonzero(chosen) + 1
         text = without_commas(uncommented(block.tobytes()), what, lines)
-        return Block(text, what, lines, tokens_per_line(text))
+        return KeywordLines(text, what, lines, tokens_per_line(text))
 
 
 @dataclass
-class Block:
+class KeywordLines:
     """The lines of one keyword, without it."""
 
     text: bytes
@@ -123,7 +123,7 @@ def read_obj(data: bytes, files: dict[str, bytes], colors: bool) -> Surface | Cl
     return surface
 
 
-def _vertices(block: Block) -> tuple[np.ndarray, np.ndarray | None]:
+def _vertices(block: KeywordLines) -> tuple[np.ndarray, np.ndarray | None]:
     """(v, 3) positions and (v, 3) colours from `x y z`, `x y z w`, `x y z r g b` or `x y z w r g b` lines."""
     values, counts = block.numbers(least=3), block.counts
     starts = np.cumsum(counts) - counts
@@ -133,7 +133,7 @@ def _vertices(block: Block) -> tuple[np.ndarray, np.ndarray | None]:
     return positions, to_uint8(values[(starts + counts)[:, None] - np.arange(3, 0, -1)])
 
 
-def _uvs(block: Block) -> np.ndarray:
+def _uvs(block: KeywordLines) -> np.ndarray:
     values, counts = block.numbers(least=1), block.counts
     starts = np.cumsum(counts) - counts
     v = np.where(counts > 1, values[np.minimum(starts + 1, len(values) - 1)], 0.0)

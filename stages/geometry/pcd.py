@@ -15,7 +15,7 @@ from b23d.stages.geometry.text import numbers, plain, tokens_per_line, uncomment
 
 
 @dataclass
-class Header:
+class PcdHeader:
     fields: list[str]
     """Names in lower case."""
     types: list[np.dtype]
@@ -49,7 +49,7 @@ def read_pcd(data: bytes) -> Cloud:
     return Cloud(points, None if packed is None or not len(points) else _unpack(columns[packed]))
 
 
-def _header(data: bytes) -> Header:
+def _header(data: bytes) -> PcdHeader:
     start = re.search(rb"(?i)(?:\A|[\r\n])DATA[ \t]+(\w+)[ \t]*(?:\r?\n|\r|\Z)", data)
     if start is None:
         raise MalformedError(
@@ -84,10 +84,10 @@ def _header(data: bytes) -> Header:
         raise MalformedError(
             f"header: expected WIDTH × HEIGHT = POINTS, got {sides[0]} × {sides[1]} and {rows}; convert it again"
         )
-    return Header(fields, types, counts, rows, start[1].decode().lower(), start.end(), len(lines) + 1)
+    return PcdHeader(fields, types, counts, rows, start[1].decode().lower(), start.end(), len(lines) + 1)
 
 
-def _ascii(header: Header, body: bytes) -> list[np.ndarray]:
+def _ascii(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     """The first value of each field, (rows,) each."""
     text = uncommented(plain(body))
     lines = np.arange(header.lines + 1, header.lines + 1 + text.count(b"\n"))
@@ -112,7 +112,7 @@ def _ascii(header: Header, body: bytes) -> list[np.ndarray]:
         return [c.astype(t) if t.kind != "f" else c for c, t in zip(columns, header.types, strict=True)]
 
 
-def _binary(header: Header, body: bytes) -> list[np.ndarray]:
+def _binary(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     sizes = [count * kind.itemsize for count, kind in zip(header.counts, header.types, strict=True)]
     stride = sum(sizes)
     if len(body) < header.rows * stride:
@@ -121,7 +121,7 @@ def _binary(header: Header, body: bytes) -> list[np.ndarray]:
     return [_column(header.rows, t, body, at, stride, n) for t, at, n in zip(header.types, places, sizes, strict=True)]
 
 
-def _compressed(header: Header, body: bytes) -> list[np.ndarray]:
+def _compressed(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     """Two sizes, then LZF of all values of the first field, of the second, …"""
     packed, unpacked = (int.from_bytes(body[at : at + 4], "little") for at in (0, 4))
     sizes = [count * kind.itemsize for count, kind in zip(header.counts, header.types, strict=True)]

@@ -34,7 +34,7 @@ class Element:
 
 
 @dataclass
-class Header:
+class PlyHeader:
     elements: list[Element]
     ascii: bool
     end: int
@@ -43,7 +43,7 @@ class Header:
     """How many lines the header has."""
 
 
-def read_header(data: bytes) -> Header:
+def read_header(data: bytes) -> PlyHeader:
     """The header of a PLY, names in lower case. Raises MalformedError, with the line."""
     classic = re.match(rb"[^\r\n]*\r(?!\n)", data) is not None  # lines that end with a carriage return alone
     end = re.search(rb"[\r\n]end_header[ \t]*" + (rb"(?:\r|\Z)" if classic else rb"(?:\r?\n|\Z)"), data)
@@ -75,7 +75,7 @@ def read_header(data: bytes) -> Header:
     for names in ([e.name for e in elements], *([p.name for p in e.properties] for e in elements)):
         if twice := next((name for name in names if names.count(name) > 1), None):
             raise MalformedError(f"header: expected each name once, got {twice} twice; export the file again")
-    return Header(elements, order == "=", end.end(), len(head) + 1)
+    return PlyHeader(elements, order == "=", end.end(), len(head) + 1)
 
 
 def _type(name: str, order: str | None) -> np.dtype:
