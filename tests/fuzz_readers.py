@@ -49,9 +49,9 @@ def seeds() -> list[tuple[str, bytes]]:
     document.mesh(attributes={"COLOR_0": document.accessor(TABLE, sparse="zeros")}, mode=6)
     document.add("nodes", {"mesh": 0, "scale": [1, 2, 3]})
     files += [("m.glb", document.glb()), ("m.gltf", document.gltf())]
-    compressed = b"DATA binary_compressed\n" + (18).to_bytes(4, "little") + (48).to_bytes(4, "little")
+    compressed = b"DATA binary_compressed\n" + (8).to_bytes(4, "little") + (48).to_bytes(4, "little")
     head = b"FIELDS x y z\nSIZE 4 4 4\nTYPE f f f\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\nPOINTS 4\n"
-    files.append(("lzf.pcd", head + compressed + b"\x03\0\0\x80?\xe0\x23\x03" + bytes(10)))
+    files.append(("lzf.pcd", head + compressed + b"\x03\0\0\x80?\xe0\x23\x03"))
     return [*files, ("c.npz", npz(points=POINTS, colors=COLORS, faces=np.zeros((2, 3))))]
 
 

@@ -46,13 +46,14 @@ def placed_meshes(document: Document) -> list[Placed]:
 def _world(document: Document) -> dict[int, np.ndarray]:
     """Node → its matrix to the world, of all nodes in the scene."""
     world: dict[int, np.ndarray] = {}
+    local = _locals(document)
     waiting = [(root, np.eye(4)) for root in reversed(_roots(document))]
     while waiting:
         index, above = waiting.pop()
         node = document.entry("nodes", index)
         if index in world:
             raise MalformedError(f"node {index}: expected one place in the scene, got a second; export the shape again")
-        world[index] = above @ _local(node, index)
+        world[index] = above @ local[index]
         waiting += [(child, world[index]) for child in reversed(node.get("children", []))]
     return world
 
@@ -68,16 +69,17 @@ def _roots(document: Document) -> list[int]:
     return roots
 
 
-def _local(node: dict[str, Any], index: int) -> np.ndarray:
-    """A node's matrix (4, 4): given, or translation · rotation · scale."""
-    if "matrix" in node:
-        matrix = np.array(node["matrix"], np.float64).reshape(4, 4).T
-    else:
-        one = [np.array([node.get(key, default)], np.float64) for key, default in TRS.items()]
-        matrix = _matrices(*one)[0]
-    if not np.isfinite(matrix).all():
-        raise MalformedError(f"node {index}: expected a finite matrix, got {matrix.tolist()}; export the shape again")
-    return matrix
+def _locals(document: Document) -> np.ndarray:
+    """Each node's matrix (n, 4, 4) to its parent: given, or translation · rotation · scale."""
+    nodes = document.tree.get("nodes", [])
+    parts = [np.array([node.get(key, default) for node in nodes], np.float64) for key, default in TRS.items()]
+    matrices = _matrices(*parts) if nodes else np.zeros((0, 4, 4))
+    for index, node in enumerate(nodes):
+        if "matrix" in node:
+            matrices[index] = np.array(node["matrix"], np.float64).reshape(4, 4).T
+    if (wrong := np.flatnonzero(~np.isfinite(matrices).all(axis=(1, 2)))).size:
+        raise MalformedError(f"node {wrong[0]}: expected a finite matrix, got another; export the shape again")
+    return matrices
 
 
 TRS = {"translation": [0, 0, 0], "rotation": [0, 0, 0, 1], "scale": [1, 1, 1]}
@@ -133,6 +135,7 @@ def _world_of_all(document: Document) -> dict[int, np.ndarray]:
     """As `_world`, of all nodes, in the scene or not: a skeleton may stand beside it."""
     nodes = document.tree.get("nodes", [])
     parents = {child: i for i, node in enumerate(nodes) for child in node.get("children", [])}
+    local = _locals(document)
     world: dict[int, np.ndarray] = {}
     for index in range(len(nodes)):
         chain = [index]
@@ -141,5 +144,5 @@ def _world_of_all(document: Document) -> dict[int, np.ndarray]:
         for at in reversed(chain):
             if at not in world:
                 above = world[parents[at]] if parents.get(at) in world else np.eye(4)
-                world[at] = above @ _local(document.entry("nodes", at), at)
+                world[at] = above @ local[at]
     return world
