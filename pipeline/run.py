@@ -83,7 +83,7 @@ class Run:
         Raises StoreError where the store cannot be written, ResourceError where no worker has what a stage needs.
         """
         self.open_to_write()
-        self.store.sweep()
+        self.store.drop_leftovers()
         record, started = begin(self, selection), time.perf_counter()
         try:
             plan, report = RunLoop(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))

@@ -174,7 +174,7 @@ class Store:
         except Exception as error:
             raise self._failed("to remove an artifact", error) from error
 
-    def sweep(self, older_than: float = 3600.0) -> None:
+    def drop_leftovers(self, older_than: float = 3600.0) -> None:
         """Remove what killed processes left: half written, when older than some seconds; half removed, at once."""
         if not self.local:
             return

@@ -6,10 +6,12 @@ import ast
 import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
+DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("schemas", "pipeline", "stages")
 FILES = sorted(path.relative_to(ROOT).as_posix() for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -132,3 +134,11 @@ def test_shared_options_are_declared_once() -> None:
             declared.setdefault(option, []).append(path)
     assert all(paths == ["pipeline/verbs/options.py"] for paths in declared.values()), declared
     assert declared.keys() >= {"set", "store", "json", "limit"}
+
+
+def test_nothing_lives_for_its_tests_alone() -> None:
+    """A function or class that only its own definition names is dead: nobody but a test can call it."""
+    sources = [(ROOT / path).read_text() for path in FILES]
+    words = Counter(re.findall(r"\w+", "\n".join([*sources, (ROOT / "pyproject.toml").read_text()])))
+    named = [node.name for text in sources for node in ast.parse(text).body if isinstance(node, DEFINITIONS)]
+    assert [name for name in named if words[name] == 1] == []

@@ -18,8 +18,8 @@ from b23d.stages.geometry.cameras import (
     project,
     ring_angles,
     rotations,
-    unproject,
 )
+from tests.unprojecting import unproject
 
 coordinates = st.floats(-0.5, 0.5, width=32)
 clouds = arrays(np.float64, st.tuples(st.integers(1, 20), st.just(3)), elements=coordinates)

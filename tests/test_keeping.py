@@ -160,7 +160,7 @@ def test_foreign_files_are_left_alone_and_break_nothing(tmp_path: Path) -> None:
     assert run.plan().to_run() == [] and run.store.stages() == ["add", "shift", "square"]
     assert list(verify(run)) == [] and collect(run.store) == 0
     assert Run.load(path, ["stages.shift.by=5"]).execute(workers=0).ok
-    run.store.sweep(older_than=-1)
+    run.store.drop_leftovers(older_than=-1)
     assert all(file.exists() for file in left)
 
 
@@ -201,7 +201,7 @@ def test_deleting_is_never_half_done(tmp_path: Path, monkeypatch: pytest.MonkeyP
         with pytest.raises(KeyboardInterrupt):
             run.store.delete("shift", address)
     assert address not in run.store.addresses("shift") and list((tmp_path / "store" / ".writing").iterdir())
-    run.store.sweep()
+    run.store.drop_leftovers()
     assert not list((tmp_path / "store" / ".writing").iterdir())
 
 

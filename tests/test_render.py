@@ -10,9 +10,10 @@ import trimesh
 
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views
-from b23d.stages.geometry.cameras import project, unproject
+from b23d.stages.geometry.cameras import project
 from b23d.stages.render import RenderParams, render
 from b23d.stages.renderers import RendererName, renderer
+from tests.unprojecting import unproject
 
 FEW = {"rings": {"count": 1}}  # six views: top, four sides, bottom
 RENDERERS = [pytest.param("embree"), pytest.param("pyrender")]

@@ -161,8 +161,8 @@ def test_a_store_that_cannot_be_written_says_so(tmp_path: Path) -> None:
 def test_sweep_keeps_what_is_young(tmp_path: Path) -> None:
     store = Store(tmp_path)
     (tmp_path / ".writing" / "x").mkdir(parents=True)
-    store.sweep()
+    store.drop_leftovers()
     assert (tmp_path / ".writing" / "x").exists()
-    store.sweep(older_than=-1)
+    store.drop_leftovers(older_than=-1)
     assert not (tmp_path / ".writing" / "x").exists()
     shutil.rmtree(tmp_path)

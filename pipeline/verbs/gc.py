@@ -51,7 +51,7 @@ def gc(
             opened.delete(item.stage, item.address)
         dropped += item.stored_bytes
     if not dry_run:
-        opened.sweep()
+        opened.drop_leftovers()
     verb = "would drop" if dry_run else "dropped"
     console.print(
         f"{verb} {len(lost)} artifacts, {dropped / 1e6:.1f} MB, of store {opened.url}; "

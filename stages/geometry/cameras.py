@@ -91,14 +91,6 @@ def project(points: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndar
     return pixels, depth
 
 
-def unproject(pixels: np.ndarray, depth: np.ndarray, world_to_camera: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """Points (view, n, 3) of the unit frame at `pixels` (view, n, 2) and `depth` (view, n): the inverse of
-    `project`."""
-    homogeneous = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
-    camera = homogeneous @ np.linalg.inv(intrinsics).T * depth[..., None]
-    return (camera - world_to_camera[:, None, :3, 3]) @ world_to_camera[:, :3, :3]
-
-
 def pixel_rays(intrinsics: np.ndarray, resolution: int) -> np.ndarray:
     """Camera-frame rays (row, column, 3) through the pixels' centres, with z = 1: depth times ray is the point seen."""
     centres = np.arange(resolution) + 0.5

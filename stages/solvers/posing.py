@@ -56,9 +56,9 @@ def _problem(
             f"got {features.shape[1]} on the target; "
             "use one encoder for all"
         )
-    apart = np.isinf(distances)
-    if apart.any():
-        distances[apart] = largest_distance(distances)
+    unreachable = np.isinf(distances)
+    if unreachable.any():
+        distances[unreachable] = largest_distance(distances)
     return Problem(features, distances, template.features, template.distances, template.mask, objective.alpha)
 
 

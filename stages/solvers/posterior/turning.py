@@ -42,7 +42,7 @@ def in_frame(model: Model, frames: Frames, target: Prepared, params: PosteriorPa
     """The target, turned to where the shots' model explains it best; as it is where the shots stood alike.
 
     Every turn is judged by each keypoint alone, the best few by the mean field's lower bound (Bishop, Pattern
-    Recognition, sec. 10.1), with the box's proportions and a prior: as the shots stood, or anyhow.
+    Recognition, sec. 10.1), with the box's proportions and a prior: as the shots stood, or any orientation.
     """
     if frames.common:
         return target

@@ -69,13 +69,6 @@ def add_quoted(figure: go.Figure, curves: Iterable[QuotedCurve]) -> None:
         )
 
 
-def plot_scores(run: Run) -> go.Figure:
-    """`score_curves` of a run. Raises ValueError where nothing is scored yet."""
-    from b23d.stages.workbench.results.scores import run_scores
-
-    return score_curves(run_scores(run))
-
-
 def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
     """A shape in 3D: its surface or candidates, coloured by its own features' PCA, with predicted and annotated
     keypoints.
