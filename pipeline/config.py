@@ -14,6 +14,7 @@ from b23d.pipeline.checking import short, suggest, validate
 from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.stage import Stage, default_outputs, load_stages
+from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params, flat, missing_choice, tables_of
 from b23d.schemas.runfile import RunFile, Tls
 
@@ -83,6 +84,15 @@ def feeding(file: RunFile, upstream: str) -> str:
     return file.feeds.get(upstream, upstream)
 
 
+def gates(stages: Mapping[str, Stage], leaf: str, schema: type[Artifact]) -> list[str]:
+    """The stages that check a leaf of this schema."""
+    return [
+        name
+        for name, stage in stages.items()
+        if stage.checks == leaf and any(item.upstream == leaf and item.schema is schema for item in stage.inputs)
+    ]
+
+
 def needed_for(config: Config, stage: str) -> set[str]:
     """A stage of the run and all stages that it needs."""
     found: set[str] = set()
@@ -91,8 +101,9 @@ def needed_for(config: Config, stage: str) -> set[str]:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            sources = (feeding(config.file, item.upstream) for item in config.stages[name].inputs)
-            waiting += [source for source in sources if source in config.stages]
+            for item in config.stages[name].inputs:
+                source = feeding(config.file, item.upstream)
+                waiting += [source] if source in config.stages else gates(config.stages, source, item.schema)
     return found
 
 
@@ -248,6 +259,9 @@ def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
                     raise RunFileError(
                         f"feeds.{item.upstream}: expected a stage, got {source!r}; {suggest(source, installed)}"
                     )
+                for gate in gates(installed, source, item.schema):
+                    if gate != name:
+                        visit(gate, (*trail, name))
                 continue
             if not issubclass(installed[source].gives, item.schema):
                 wanted, got = item.schema.__name__, installed[source].gives.__name__

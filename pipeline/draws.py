@@ -29,37 +29,67 @@ class Draw:
 
 
 def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str], leaves: Collection[str]) -> list[Draw]:
-    """Every draw of every class that has annotated shapes. `unusable`: names of shapes that cannot be shots; `leaves`:
-    what shots are asked for."""
+    """Every draw of every class that has annotated shapes, or shots by name. `unusable`: names of shapes that cannot be
+    shots; `leaves`: what shots are asked for."""
     classes: dict[str, list[Shape]] = defaultdict(list)
     for shape in shapes:
         classes[shape.category].append(shape)
-    return [
-        _draw(category, members, shots, seed, unusable, had)
-        for category, members in sorted(classes.items())
-        if (had := {leaf for leaf in leaves if any(leaf in shape.leaves for shape in members)})
-        for seed in (shots.draws if category not in shots.ids else shots.draws[:1])
-    ]
+    draws = []
+    for category, members in sorted(classes.items()):
+        had = {leaf for leaf in leaves if any(leaf in shape.leaves for shape in members)}
+        named = category in shots.ids and bool(leaves)
+        if had or named:
+            for seed in shots.draws[:1] if named else shots.draws:
+                draws.append(_draw(category, members, shots, seed, unusable, had or set(leaves)))
+    return draws
+
+
+def draw_problems(
+    shapes: Collection[Shape], shots: Shots, draws: Collection[Draw], leaves: Collection[str]
+) -> list[str]:
+    """What is wrong with the shots as a whole, each said once: draws without shots, unknown classes in `shots.ids`;
+    nothing annotated at all is for the data set to tell. None where the run asks for no shots."""
+    if not leaves:
+        return []
+    told = list(dict.fromkeys(draw.error for draw in draws if draw.error))
+    classes = sorted({shape.category for shape in shapes})
+    for category in shots.ids:
+        if category not in classes:
+            told.append(f"shots.ids: expected classes among {', '.join(classes)}, got {category}; check the run file")
+    return told
 
 
 def _draw(
     category: str, members: list[Shape], options: Shots, seed: int, unusable: Collection[str], leaves: set[str]
 ) -> Draw:
-    annotated = [shape for shape in members if leaves <= shape.leaves.keys() and shape.name not in unusable]
+    annotated = [shape for shape in members if leaves <= shape.leaves.keys()]
+    usable = [shape for shape in annotated if shape.name not in unusable]
     if named := options.ids.get(category):
-        chosen = [shape for shape in annotated if shape.id in named]
-        if len(chosen) < len(named):
-            lost = ", ".join(sorted(set(named) - {shape.id for shape in chosen}))
-            reason = f"class {category}: expected annotated shapes {lost} as shots, got none usable; check shots.ids"
-            return Draw(seed, category, error=reason)
+        chosen = [shape for shape in usable if shape.id in named]
+        if len(chosen) < len(set(named)):
+            return Draw(seed, category, error=_lost(category, named, members, annotated, usable))
     else:
-        pool = [shape for shape in annotated if options.split == "all-but-shots" or shape.official == "train"]
+        pool = [shape for shape in usable if options.split == "all-but-shots" or shape.official == "train"]
         chosen = sorted(pool, key=lambda shape: sha256(f"{seed}:{shape.name}"))[: options.count]
         if len(chosen) < options.count:
             got = f"expected {options.count} annotated shapes as shots, got {len(chosen)}"
+            if refused := len(annotated) - len(usable):
+                got += f" and {refused} that cannot be used"
             return Draw(seed, category, error=f"class {category}: {got}; annotate more, or lower shots.count")
     names = {shape.name for shape in chosen}
     targets = tuple(
         s for s in members if s.name not in names and (options.split == "all-but-shots" or s.official == "test")
     )
     return Draw(seed, category, tuple(sorted(chosen, key=lambda shape: shape.name)), targets)
+
+
+def _lost(
+    category: str, named: Collection[str], members: list[Shape], annotated: list[Shape], usable: list[Shape]
+) -> str:
+    """Why shapes that the run file names cannot be shots."""
+    reasons = []
+    known, with_keypoints, fine = ({shape.id for shape in part} for part in (members, annotated, usable))
+    for name in sorted(set(named) - fine):
+        why = "is not there" if name not in known else "has no annotation"
+        reasons.append(f"{name} {'cannot be used' if name in with_keypoints else why}")
+    return f"class {category}: expected the shots that shots.ids names, got {', '.join(reasons)}; check shots.ids"

@@ -41,6 +41,8 @@ class Report:
     done: list[Outcome] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     blocked: int = 0
+    warnings: list[str] = field(default_factory=list)
+    """What stages found odd and let pass, in this run and before."""
     """Tasks that could not be tried, for what failed above them."""
     elsewhere: int = 0
     """Artifacts that another run made meanwhile."""

@@ -52,6 +52,8 @@ class Node:
     draws: list[int] = field(default_factory=list)
     """Draws this node serves; empty for stages that see no shots."""
     shots: tuple[str, ...] = ()
+    after: tuple[Node, ...] = ()
+    """Checks of the leaves it takes: it waits for them; they give it nothing, and its address does not know them."""
     state: State = State.RUN
     forced: bool = False
     """It is stored, and is to be made again."""
@@ -59,6 +61,7 @@ class Node:
     """Why it is blocked."""
 
     def upstream(self) -> Iterator[Node | LeafNode]:
+        yield from self.after
         for value in self.inputs.values():
             if isinstance(value, list):
                 yield from value

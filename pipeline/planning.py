@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Iterator
 
 from b23d.pipeline.address import StageAddress, leaf_address, sha256
-from b23d.pipeline.config import Config, feeding, needed_for
+from b23d.pipeline.config import Config, feeding, gates, needed_for
 from b23d.pipeline.dataset import Shape
-from b23d.pipeline.draws import Draw, draw_shots
+from b23d.pipeline.draws import Draw, draw_problems, draw_shots
 from b23d.pipeline.errors import naming
 from b23d.pipeline.index import Failure, Index
 from b23d.pipeline.plan import MISSING, ByAddress, ByShape, LeafNode, Node, Plan, State
@@ -123,11 +124,11 @@ def _problems(shapes: list[Shape], draws: list[Draw], planner: _Planner) -> list
     listed = [
         Failure("source", shape.name, MISSING, naming(shape.name, shape.error), True) for shape in shapes if shape.error
     ]
-    undrawn = [
-        Failure("draw", f"{draw.category} (draw {draw.seed})", MISSING, f"ValueError: {draw.error}", True)
-        for draw in draws
-        if draw.error
-    ]
+    leaves = planner.shot_leaves()
+    told = draw_problems(shapes, planner.config.file.shots, draws, leaves)
+    if leaves and not any(leaves & shape.leaves.keys() for shape in shapes):
+        told.append(planner.config.dataset.unannotated())
+    undrawn = [Failure("draw", one.split(":")[0], MISSING, f"ValueError: {one}", True) for one in told]
     lost = {shape: leaf.error for (shape, _), leaf in planner.leaves.items() if leaf.error}
     unread = [Failure("source", shape, MISSING, error, True) for shape, error in lost.items()]
     return [*listed, *undrawn, *unread]
@@ -143,6 +144,14 @@ class _Planner:
         self.of_shots: dict[tuple[str, str, int], list[Node | LeafNode] | None] = {}
         self.sources = {
             s: {i.name: feeding(config.file, i.upstream) for i in stage.inputs} for s, stage in config.stages.items()
+        }
+        self.shot_checks: dict[tuple[str, str, int], list[Node | None]] = {}
+        self.gates = {
+            name: {
+                item.name: [g for g in gates(config.stages, self.sources[name][item.name], item.schema) if g != name]
+                for item in stage.inputs
+            }
+            for name, stage in config.stages.items()
         }
         self.sees_shots: dict[str, bool] = {}
         self.makers: dict[str, StageAddress] = {}
@@ -172,6 +181,7 @@ class _Planner:
         if node is None:
             shots = tuple(shot.name for shot in draw.shots) if key[2] is not None and draw else ()
             node = Node(name, shape.name, shape.category, address, address, inputs, shots=shots)
+            node.after = tuple(self._checks(stage, shape, draw))
             self.nodes[name, address] = node
             if shape.error and not all(item.per_shot for item in stage.inputs):
                 node.state, node.reason = State.BLOCKED, shape.error
@@ -203,7 +213,8 @@ class _Planner:
                 node.state, node.reason = State.BLOCKED, above.reason
             elif above.state is not State.CACHED and above.recipe in self.quarantined:
                 node.state, node.reason = State.BLOCKED, self.quarantined[above.recipe].error
-        if node.state is State.RUN and node.stage in self.config.file.store.transient:
+        transient = node.stage in self.config.file.store.transient and self.config.stages[node.stage].checks is None
+        if node.state is State.RUN and transient:
             node.state = State.TRANSIENT
 
     def _input(
@@ -221,6 +232,19 @@ class _Planner:
                 None if any(value is None for value in found) else [value for value in found if value is not None]
             )
         return self.of_shots[key]
+
+    def _checks(self, stage: Stage, shape: Shape, draw: Draw | None) -> Iterator[Node]:
+        """The nodes that check the leaves a stage takes, of the shape itself or of the draw's shots."""
+        for item in stage.inputs:
+            for gate in self.gates[stage.name][item.name]:
+                if item.per_shot and draw is not None:
+                    key = (gate, draw.category, draw.seed)
+                    if key not in self.shot_checks:  # the same for thousands of targets
+                        self.shot_checks[key] = [self.node(gate, shot, None) for shot in draw.shots]
+                    found = self.shot_checks[key]
+                else:
+                    found = [] if item.per_shot else [self.node(gate, shape, None)]
+                yield from (node for node in found if node is not None)
 
     def _upstream(self, source: str, shape: Shape, draw: Draw | None) -> Node | LeafNode | None:
         if source in self.config.stages:

@@ -30,6 +30,7 @@ from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
 from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.pipeline.store import Store
 from b23d.pipeline.tasks import Outcome
+from b23d.pipeline.warned import remember, warnings
 from b23d.schemas.artifact import Artifact
 
 log = logging.getLogger("b23d")
@@ -93,6 +94,8 @@ class Run:
             raise
         report.record = finish(self.store, record, plan, report).id
         self._save(plan, report)
+        remember(self.folder, report.done)
+        report.warnings = warnings(self.folder, plan)
         return report
 
     def open_to_write(self) -> None:

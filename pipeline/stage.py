@@ -6,7 +6,9 @@
 The signature is the wiring. An argument's name is the upstream stage (or a leaf of the data set: `source`, `keypoints`,
 `parts`), its annotation the schema it must have. `shot_<upstream>: list[Schema]` asks for that artifact of every shot
 of the target's draw, in the same order for all `shot_` arguments. `X | None` accepts a leaf that a shape does not have;
-without it, the stage is not planned for such a shape.
+without it, the stage is not planned for such a shape. `checks="<leaf>"` makes a stage the gate of a leaf: a shape that
+fails it is no shot and gives the leaf to nobody, and loses nothing else. A field `warnings: list[str]` of what a stage
+gives is told at the end of a run.
 """
 
 from __future__ import annotations
@@ -56,13 +58,20 @@ class Stage:
     hints: Hints = field(default_factory=Hints)
     fingerprint: Callable[[Any], Mapping[str, str]] | None = None
     """Digests of what the params only name (encoder weights); they enter the address."""
+    checks: str | None = None
+    """A leaf that this stage looks at, so that others need not: whoever takes the leaf, of a shape or of shots, waits
+    for this stage's success, which enters no address."""
 
 
 STAGES: dict[str, Stage] = {}
 
 
 def stage(
-    *, version: int, hints: Hints | None = None, fingerprint: Callable[[Any], Mapping[str, str]] | None = None
+    *,
+    version: int,
+    hints: Hints | None = None,
+    fingerprint: Callable[[Any], Mapping[str, str]] | None = None,
+    checks: str | None = None,
 ) -> Callable[[Function], Function]:
     """Declare a function as a stage. The function itself is returned unchanged: tests call it with arrays.
 
@@ -85,7 +94,7 @@ def stage(
                 f"stage {name}: expected an argument `params` annotated with a Params, got {params}; add one"
             )
         inputs = tuple(_input(name, argument, annotation) for argument, annotation in hints_of.items())
-        STAGES[name] = Stage(name, version, function, params, gives, inputs, hints or Hints(), fingerprint)
+        STAGES[name] = Stage(name, version, function, params, gives, inputs, hints or Hints(), fingerprint, checks)
         return function
 
     return declare

@@ -105,6 +105,8 @@ class Outcome:
     """Digest of what was made, and of what it was made of: see `pipeline/address.py`."""
     key: str | None = None
     failure: Failure | None = None
+    warnings: tuple[str, ...] = ()
+    """What the stage found odd and let pass, each naming the shape."""
 
 
 def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
@@ -166,8 +168,18 @@ def run_task(task: Task, keep: bool = False) -> Outcome:
         if keep:
             _MADE[task.stage, task.address] = artifact
         overhead = time.perf_counter() - started - clock.seconds
+        warnings = tuple(naming(task.shape, line) for line in getattr(artifact, "warnings", ()))
         return Outcome(
-            task.stage, task.address, task.shape, clock.seconds, overhead, stored, peak_mb(), content, task.key
+            task.stage,
+            task.address,
+            task.shape,
+            clock.seconds,
+            overhead,
+            stored,
+            peak_mb(),
+            content,
+            task.key,
+            warnings=warnings,
         )
     except Exception as error:
         failure = failure_of(task, error)

@@ -6,6 +6,7 @@ if __name__ != "b23d.stages":
     )
 
 from b23d.stages import (
+    annotation,
     apply_head,
     backproject,
     calibrate,
@@ -27,6 +28,7 @@ from b23d.stages import (
 )
 
 __all__ = [
+    "annotation",
     "apply_head",
     "backproject",
     "calibrate",

@@ -23,6 +23,7 @@ from b23d.pipeline.verbs.options import (
     Until,
 )
 from b23d.pipeline.verbs.terminal import console
+from b23d.pipeline.warned import warnings
 
 SHOWN = 12  # problems that are printed
 
@@ -73,9 +74,12 @@ def plan(
             console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
         if len(planned.problems) > SHOWN:
             console.print(f"… and {len(planned.problems) - SHOWN} more problems", highlight=False)
+        for line in warnings(loaded.folder, planned)[:SHOWN]:
+            console.print(f"[yellow]![/] {escape(line)}", highlight=False, soft_wrap=True)
     if why and not as_json:
         _print_reasons(loaded, planned)
-    if exit_code and any(row["run"] or row["blocked"] for row in stages.values()):
+    pending = exit_code and any(row["run"] or row["blocked"] for row in stages.values())
+    if pending or any(problem.stage == "draw" for problem in planned.problems):  # without shots, no run is what it says
         raise typer.Exit(1)
 
 

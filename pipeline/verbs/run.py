@@ -23,6 +23,8 @@ from b23d.pipeline.verbs.options import (
 )
 from b23d.pipeline.verbs.terminal import console, debug
 
+SHOWN = 12  # warnings that are printed
+
 
 def run(
     run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Run file (TOML).", show_default=False)] = None,
@@ -65,6 +67,10 @@ def run(
         table = hook.load()(loaded, report, console)
         if table is not None:
             attach(loaded.store, report.record, hook.name, table)
+    for line in report.warnings[:SHOWN]:
+        console.print(f"[yellow]![/] {escape(line)}", highlight=False, soft_wrap=True)
+    if len(report.warnings) > SHOWN:
+        console.print(f"… and {len(report.warnings) - SHOWN} more warnings", highlight=False)
     if not report.ok:
         counts = f"[red]{len(report.failures)} failed, {report.blocked} blocked behind them[/]"
         console.print(f"{counts}; the rest is done. The next run retries only these:", highlight=False)

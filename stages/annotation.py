@@ -1,0 +1,36 @@
+"""annotation: does a shape's annotation lie on it? One rule for shots and targets, meshes and clouds."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.annotation import AnnotationCheck
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.params import Params
+from b23d.schemas.shape import NormalizedShape
+
+
+class AnnotationParams(Params):
+    """How far from the surface a keypoint may be, in longest sides of the shape; for a cloud, over its spacing."""
+
+    warn: float = Field(default=0.02, ge=0)
+    """Keypoints farther than this are told."""
+    refuse: float = Field(default=0.1, ge=0)
+    """Annotations with a keypoint farther than this are not used: they are in another unit, frame or order of axes, or
+    of another shape. So are those beyond `warn` that such a mistake explains exactly. Keypoints that are meant to lie
+    off the surface (joints, centres of openings) need a larger value."""
+
+
+@stage(version=1, hints=Hints(memory_gb=0.3), checks="keypoints")
+def annotation(normalize: NormalizedShape, keypoints: Keypoints, params: AnnotationParams) -> AnnotationCheck:
+    """The keypoints' distances from the surface, and what is odd about them.
+
+    A shape that fails here is neither shot nor scored; it is still predicted. Raises ValueError, naming the worst
+    keypoint, its distance and the likely cause: a keypoint off the surface, a point index beyond the cloud or far from
+    the keypoint's own position.
+    """
+    from b23d.stages.geometry.keypoints import check_annotation
+
+    distances, warnings = check_annotation(keypoints, normalize, params.warn, params.refuse)
+    return AnnotationCheck(ids=keypoints.ids, distances=distances, warnings=warnings)
