@@ -60,10 +60,11 @@ def check_annotation(
     check_keypoints(keypoints, shape)
     if not len(keypoints.ids):
         return np.zeros(0, np.float32), []
-    slack = _spacing(shape) if shape.kind == "cloud" else 0.0
+    spacing = _spacing(shape) if "cloud" in (shape.kind, shape.candidates) else 0.0
+    slack = spacing if shape.kind == "cloud" else 0.0
     distances = _surface_distances(shape.to_unit(keypoints.positions), shape, warn + slack)
     warnings = _on_surface(keypoints, shape, distances, warn + slack, refuse + slack)
-    warnings += _as_indexed(keypoints, shape, warn + slack, refuse + slack)
+    warnings += _as_indexed(keypoints, shape, warn + spacing, refuse + spacing)
     return distances.astype(np.float32), warnings
 
 
@@ -152,7 +153,7 @@ def _spacing(shape: NormalizedShape) -> float:
     points are from their nearest others, and somewhat more (at a corner, fewer are near)."""
     from scipy.spatial import cKDTree
 
-    points = shape.vertices.astype(np.float64)
+    points = (shape.vertices if shape.kind == "cloud" else shape.points).astype(np.float64)
     if len(points) < 2:
         return 0.0
     some = points[:: max(1, len(points) // 2000)]
