@@ -201,7 +201,8 @@ def test_a_warning_is_told_at_the_end_and_by_the_plan(tmp_path: Path) -> None:
     spoil(path, lift)
     for verb in ("run", "run", "plan"):
         status, told = invoke(verb, str(path), *(["--workers", "0"] if verb == "run" else []))
-        assert status == 0 and "! box/b0: expected keypoints on the shape's surface, got keypoint 0" in told
+        assert status == 0, told
+        assert "! box/b0: expected keypoints on the shape's surface, got keypoint 0" in told
         assert told.count("box/b0: expected") == 1
 
 

@@ -53,7 +53,7 @@ def check_annotation(
     """Each keypoint's distance from the surface (k,), and what is odd: keypoints farther than `warn`, unit frame.
 
     Distances below `warn` may be upper bounds. Of a cloud, its spacing is allowed besides. Raises ValueError where one
-    is farther than `refuse`, or where a known mistake explains exactly why some are farther than `warn`: the worst
+    is farther than `refuse`, or where one known mistake explains exactly why some are farther than `warn`: the worst
     keypoint, its distance and the likely cause; and where a point index lies beyond the cloud, or farther than `refuse`
     from the keypoint.
     """
@@ -87,16 +87,16 @@ def _on_surface(
 
 
 def _likely(keypoints: Keypoints, shape: NormalizedShape, beyond: np.ndarray, worst: float) -> tuple[str, bool]:
-    """The likely cause, and whether it is a known mistake that explains every keypoint."""
+    """The likely cause, and whether it is one mistake that explains every keypoint exactly."""
     from b23d.stages.geometry.misplaced import EXACT, cause
 
     found = cause(keypoints.positions, shape, _dense(shape))
-    if found is not None:
-        exact = found.known and found.distance <= min(EXACT, worst / 4) and len(beyond) >= 4
-        return f"likely {found.words}", exact
-    if beyond.sum() <= len(beyond) / 3:
+    exact = found is not None and found.single and found.distance <= min(EXACT, worst / 4) and len(beyond) >= 4
+    if beyond.sum() <= len(beyond) / 3 and not exact:
         alone = "this one alone seems" if beyond.sum() == 1 else "only these seem"
         return f"the other {(~beyond).sum()} lie on it: {alone} misplaced", False
+    if found is not None:
+        return f"likely {found.words}", exact
     return "no unit, frame or order of axes explains it: is it another shape's annotation?", False
 
 

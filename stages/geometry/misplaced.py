@@ -31,8 +31,8 @@ class Cause:
     words: str
     distance: float
     """Of the farthest keypoint, once undone; unit frame."""
-    known: bool
-    """A mistake without a free number: it cannot fit by chance as an offset can."""
+    single: bool
+    """One mistake without a free number: it hardly fits by chance, as an offset, or two mistakes, can."""
 
 
 def cause(positions: npt.NDArray[np.float64], shape: NormalizedShape, surface: npt.NDArray[np.float64]) -> Cause | None:
@@ -44,14 +44,14 @@ def cause(positions: npt.NDArray[np.float64], shape: NormalizedShape, surface: n
     if len(positions) < 3:
         return None
     tree = cKDTree(surface)
-    scaled = _best(_units(), positions, shape, tree, known=True)
-    ratio = _best(_ratios(positions, shape), positions, shape, tree, known=False)
+    scaled = _best(_units(), positions, shape, tree, single=True)
+    ratio = _best(_ratios(positions, shape), positions, shape, tree, single=False)
     tiers = [
         lambda: scaled if scaled.distance < 3 * ratio.distance else ratio,
-        lambda: _best(_turns(), positions, shape, tree, known=True),
-        lambda: _best(_frames(shape), positions, shape, tree, known=True),
-        lambda: _best(_both(list(_units())), positions, shape, tree, known=True),
-        lambda: _best(_both(list(_frames(shape))), positions, shape, tree, known=True),
+        lambda: _best(_turns(), positions, shape, tree, single=True),
+        lambda: _best(_frames(shape), positions, shape, tree, single=True),
+        lambda: _best(_both(list(_units())), positions, shape, tree, single=False),
+        lambda: _best(_both(list(_frames(shape))), positions, shape, tree, single=False),
         lambda: ratio,
         lambda: _offset(positions, shape, tree),
     ]
@@ -75,10 +75,10 @@ def _then(first: Undo, second: Undo) -> Undo:
 
 
 def _best(
-    tier: Iterator[tuple[str, Undo]], positions: np.ndarray, shape: NormalizedShape, tree: cKDTree, known: bool
+    tier: Iterator[tuple[str, Undo]], positions: np.ndarray, shape: NormalizedShape, tree: cKDTree, single: bool
 ) -> Cause:
     """Of equally near ones the first."""
-    tried = [Cause(words, _farthest(tree, shape, undo(positions)), known) for words, undo in tier]
+    tried = [Cause(words, _farthest(tree, shape, undo(positions)), single) for words, undo in tier]
     return min(tried, key=lambda one: one.distance)
 
 
@@ -170,4 +170,4 @@ def _offset(positions: np.ndarray, shape: NormalizedShape, tree: cKDTree) -> Cau
     away = shape.to_source(np.zeros(3)) - shape.to_source(best[1])
     digits = 2 - int(np.floor(np.log10(shape.scale)))
     x, y, z = (round(float(c), digits) + 0.0 for c in away)
-    return Cause(f"offset by ({x:g}, {y:g}, {z:g})", best[0], known=False)
+    return Cause(f"offset by ({x:g}, {y:g}, {z:g})", best[0], single=False)
