@@ -46,16 +46,17 @@ def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str],
 
 def draw_problems(
     shapes: Collection[Shape], shots: Shots, draws: Collection[Draw], leaves: Collection[str]
-) -> list[str]:
-    """What is wrong with the shots as a whole, each said once: draws without shots, unknown classes in `shots.ids`;
-    nothing annotated at all is for the data set to tell. None where the run asks for no shots."""
+) -> dict[str, bool]:
+    """What is wrong with the shots as a whole, each said once → whether the run file names what is not there: draws
+    without shots, unknown classes in `shots.ids`. Nothing annotated at all is for the data set to tell. None where the
+    run asks for no shots."""
     if not leaves:
-        return []
-    told = list(dict.fromkeys(draw.error for draw in draws if draw.error))
+        return {}
+    told = {draw.error: draw.category in shots.ids for draw in draws if draw.error}
     classes = sorted({shape.category for shape in shapes})
     for category in shots.ids:
         if category not in classes:
-            told.append(f"shots.ids: expected classes among {', '.join(classes)}, got {category}; check the run file")
+            told[f"shots.ids: expected classes among {', '.join(classes)}, got {category}; check the run file"] = True
     return told
 
 

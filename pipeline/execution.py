@@ -20,7 +20,7 @@ from b23d.pipeline.errors import StoreError
 from b23d.pipeline.frontier import Frontier
 from b23d.pipeline.index import Failure, Given
 from b23d.pipeline.marker import store_format
-from b23d.pipeline.plan import Node, Plan, State
+from b23d.pipeline.plan import SHOTS, Node, Plan, State
 from b23d.pipeline.roots import lease, note_root
 from b23d.pipeline.scheduler import Executor
 from b23d.pipeline.selection import EVERYTHING, Selection
@@ -104,7 +104,9 @@ class RunLoop:
             self._whole = True
         known = {failure.address for failure in self.report.failures}
         self.report.failures += [
-            problem for problem in plan.problems if problem.address not in known or problem.stage in ("source", "draw")
+            problem
+            for problem in plan.problems
+            if problem.address not in known or problem.stage in ("source", "draw", SHOTS)
         ]
         blocked = sum(node.state is State.BLOCKED for node in plan.nodes.values())
         self.report.blocked = blocked + len(self._left(plan))

@@ -17,6 +17,7 @@ from b23d.pipeline.dataset import Leaf
 from b23d.pipeline.draws import Draw
 from b23d.pipeline.index import Failure
 
+SHOTS = "shots"  # stage of a problem with the run's shots that no other shape mends
 MISSING = "unreadable"  # address of a leaf whose file cannot be read
 
 

@@ -11,7 +11,7 @@ from b23d.pipeline.dataset import Shape
 from b23d.pipeline.draws import Draw, draw_problems, draw_shots
 from b23d.pipeline.errors import naming
 from b23d.pipeline.index import Failure, Index
-from b23d.pipeline.plan import MISSING, ByAddress, ByShape, LeafNode, Node, Plan, State
+from b23d.pipeline.plan import MISSING, SHOTS, ByAddress, ByShape, LeafNode, Node, Plan, State
 from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.pipeline.stage import Input, Stage
 from b23d.pipeline.store import Store
@@ -127,8 +127,11 @@ def _problems(shapes: list[Shape], draws: list[Draw], planner: _Planner) -> list
     leaves = planner.shot_leaves()
     told = draw_problems(shapes, planner.config.file.shots, draws, leaves)
     if leaves and not any(leaves & shape.leaves.keys() for shape in shapes):
-        told.append(planner.config.dataset.unannotated())
-    undrawn = [Failure("draw", one.split(":")[0], MISSING, f"ValueError: {one}", True) for one in told]
+        told[planner.config.dataset.unannotated()] = True
+    undrawn = [
+        Failure(SHOTS if mistaken else "draw", one.split(":")[0], MISSING, f"ValueError: {one}", True)
+        for one, mistaken in told.items()
+    ]
     lost = {shape: leaf.error for (shape, _), leaf in planner.leaves.items() if leaf.error}
     unread = [Failure("source", shape, MISSING, error, True) for shape, error in lost.items()]
     return [*listed, *undrawn, *unread]

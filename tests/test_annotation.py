@@ -226,7 +226,7 @@ def test_what_is_wrong_with_shots_is_said_once(tmp_path: Path) -> None:
             changed = changed.replace("count = 2\n", "").replace("count_", "count")
         path.write_text(changed)
         status, told = invoke("plan", str(path))
-        assert status == 1 and told.count(words) == 1, told
+        assert status == ("count_" not in shots) and told.count(words) == 1, told
     (tmp_path / "shapes" / "keypoints.json").rename(tmp_path / "shapes" / "box" / "annotated.json")
     path.write_text(text.replace("draws = [0]", "draws = [0, 1, 2]"))
     status, told = invoke("plan", str(path))

@@ -9,6 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from b23d.pipeline.plan import SHOTS
 from b23d.pipeline.verbs.options import (
     Classes,
     Force,
@@ -79,7 +80,7 @@ def plan(
     if why and not as_json:
         _print_reasons(loaded, planned)
     pending = exit_code and any(row["run"] or row["blocked"] for row in stages.values())
-    if pending or any(problem.stage == "draw" for problem in planned.problems):  # without shots, no run is what it says
+    if pending or any(problem.stage == SHOTS for problem in planned.problems):  # no run mends that
         raise typer.Exit(1)
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from b23d.pipeline.config import feeding
 from b23d.pipeline.errors import B23dError
 from b23d.pipeline.members import VARIANTS, Member
-from b23d.pipeline.plan import Plan
+from b23d.pipeline.plan import SHOTS, Plan
 from b23d.pipeline.run import Run
 from b23d.pipeline.selection import Selection
 from b23d.schemas.scores import PartTable, ScoreTable
@@ -174,7 +174,7 @@ def seconds(run: Run, plan: Plan) -> float | None:
 
 
 def _note(run: Run, plan: Plan) -> str:
-    failed = len({failure.shape for failure in failures(run, plan) if failure.stage != "draw"})
+    failed = len({failure.shape for failure in failures(run, plan) if failure.stage not in ("draw", SHOTS)})
     return f"{failed} shape{'s' * (failed > 1)} failed" if failed else ""
 
 
