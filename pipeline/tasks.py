@@ -63,6 +63,8 @@ class Task:
     store: str
     key: str | None = None
     """Digest of what it is made of, where that is known before."""
+    after: frozenset[tuple[str, str]] = frozenset()
+    """(stage, address) of checks that must have passed."""
 
     def input_addresses(self) -> dict[str, str | list[str]]:
         """Argument → address, as it entered this task's address."""
@@ -72,8 +74,8 @@ class Task:
         }
 
     def stored_inputs(self) -> set[tuple[str, str]]:
-        """(stage, address) of what must be in the store before, of transient stages' inputs too."""
-        found = set()
+        """(stage, address) of what must be in the store before, of transient stages' inputs and of checks too."""
+        found = set(self.after)
         for task in (self, *self.nested()):
             for item in task.inputs.values():
                 for each in item if isinstance(item, list) else [item]:
@@ -125,10 +127,8 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
             inputs[argument] = [source(item, keep=True) for item in value]
         elif value is not None:
             inputs[argument] = source(value, keep=False)
-    draws = tuple(node.draws)
-    return Task(
-        node.stage, node.recipe, node.shape, node.category, draws, node.shots, params[node.stage], inputs, store
-    )
+    of, after = (node.shape, node.category, tuple(node.draws), node.shots), {(n.stage, n.address) for n in node.after}
+    return Task(node.stage, node.recipe, *of, params[node.stage], inputs, store, after=frozenset(after))
 
 
 def run_batch(tasks: Sequence[Task]) -> list[Outcome]:
@@ -168,19 +168,9 @@ def run_task(task: Task, keep: bool = False) -> Outcome:
         if keep:
             _MADE[task.stage, task.address] = artifact
         overhead = time.perf_counter() - started - clock.seconds
-        warnings = tuple(naming(task.shape, line) for line in getattr(artifact, "warnings", ()))
-        return Outcome(
-            task.stage,
-            task.address,
-            task.shape,
-            clock.seconds,
-            overhead,
-            stored,
-            peak_mb(),
-            content,
-            task.key,
-            warnings=warnings,
-        )
+        odd = tuple(naming(task.shape, line) for line in getattr(artifact, "warnings", ()))
+        measured = clock.seconds, overhead, stored, peak_mb()
+        return Outcome(task.stage, task.address, task.shape, *measured, content=content, key=task.key, warnings=odd)
     except Exception as error:
         failure = failure_of(task, error)
         return Outcome(task.stage, task.address, task.shape, clock.seconds, peak_mb=peak_mb(), failure=failure)
