@@ -12,7 +12,7 @@ FAST = """
 [stages.normalize]
 count = 256
 [stages.render]
-rings = {count = 1}
+rings.count = 1
 resolution = 64
 [stages.extract]
 encoder = "efficientnet-lite0"

@@ -135,7 +135,7 @@ def test_transient_stages_give_the_same_predictions(small: Path, tmp_path: Path)
 
 def test_boxes_corners_are_found(tmp_path: Path) -> None:
     path = make_boxes(
-        tmp_path, extra=FAST.replace("count = 1}", "count = 3}").replace("resolution = 64", "resolution = 128")
+        tmp_path, extra=FAST.replace("rings.count = 1", "rings.count = 3").replace("resolution = 64", "resolution = 128")
     )
     b23d("run", str(path), "--workers", "0")
     scores = json.loads(b23d("scores", str(path), "--json"))
