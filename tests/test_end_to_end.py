@@ -134,9 +134,8 @@ def test_transient_stages_give_the_same_predictions(small: Path, tmp_path: Path)
 
 
 def test_boxes_corners_are_found(tmp_path: Path) -> None:
-    path = make_boxes(
-        tmp_path, extra=FAST.replace("rings.count = 1", "rings.count = 3").replace("resolution = 64", "resolution = 128")
-    )
+    finer = FAST.replace("rings.count = 1", "rings.count = 3").replace("resolution = 64", "resolution = 128")
+    path = make_boxes(tmp_path, extra=finer)
     b23d("run", str(path), "--workers", "0")
     scores = json.loads(b23d("scores", str(path), "--json"))
     assert scores["mean"]["iou"]["mean"][10] > 0.5
