@@ -55,13 +55,14 @@ class Report:
 
 
 class RunLoop:
-    """One execution of a run. `watch` hears every outcome, `on_start` each plan and the executor's address."""
+    """One execution of a run. `watch` hears of every task given out and every outcome, `on_start` of each plan and of
+    the executor's address."""
 
     def __init__(
         self,
         run: Run,
         selection: Selection,
-        watch: Callable[[Plan, Outcome | None], None],
+        watch: Callable[[Plan, Outcome | Task], None],
         on_start: Callable[[Plan, str], None],
     ) -> None:
         self.run, self.selection, self.watch, self.on_start = run, selection, watch, on_start
@@ -150,7 +151,7 @@ class RunLoop:
         for stage, recipe in self._tried:
             frontier.failed(stage, recipe)
         batches = Batches(frontier, executor.lane)
-        for outcome in executor.run(lambda slots: self._batch(batches, slots)):
+        for outcome in executor.run(lambda slots: self._batch(plan, batches, slots)):
             batches.heard(outcome)
             self._running.pop((outcome.stage, outcome.address), None)
             self._sharing.release(outcome.stage, outcome.address)
@@ -164,13 +165,16 @@ class RunLoop:
                 self._failed(outcome.failure)
             self.watch(plan, outcome)
 
-    def _batch(self, batches: Batches, slots: int) -> list[Task]:
+    def _batch(self, plan: Plan, batches: Batches, slots: int) -> list[Task]:
         """Tasks that go to a worker together; none: nothing is ready just now."""
         while nodes := batches.next(slots):
             untried = [node for node in nodes if (node.stage, node.recipe) not in self._tried]
             if nodes := self._sharing.ours(untried):
                 self._running.update({(node.stage, node.recipe): f"{node.stage} of {node.shape}" for node in nodes})
-                return [make_task(node, self.run.config.params, self.run.store.url) for node in nodes]
+                tasks = [make_task(node, self.run.config.params, self.run.store.url) for node in nodes]
+                for task in tasks:
+                    self.watch(plan, task)
+                return tasks
         return []
 
     def _done(self, outcome: Outcome) -> None:

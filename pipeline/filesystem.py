@@ -29,7 +29,9 @@ def open_filesystem(url: str) -> tuple[Any, str, bool]:
     """
     protocol = url.partition("://")[0] if "://" in url else "file"
     try:
-        fs, root = fsspec.core.url_to_fs(url, auto_mkdir=True)
+        # What others write is seen at once: object stores' file systems keep listings for good, if they may.
+        options = {"auto_mkdir": True} if protocol in ("file", "local") else {"use_listings_cache": False}
+        fs, root = fsspec.core.url_to_fs(url, **options)
     except ImportError as error:
         extra = EXTRAS.get(protocol)
         mend = f"pip install 'b23d[{extra}]'" if extra else "install that package"

@@ -1,71 +1,99 @@
-"""Progress of a run: one bar a stage, failures as they come, and a table at the end."""
+"""Progress of a run: bars on a terminal, a line every so often elsewhere, failures as they come, a table at the end."""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+import threading
+import time
+from collections import defaultdict
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from rich.table import Table
 
-from b23d.pipeline.plan import Plan, State
-from b23d.pipeline.run import Report
+from b23d.pipeline.execution import Report
+from b23d.pipeline.plan import Plan
 from b23d.pipeline.stopping import Stopped
-from b23d.pipeline.tasks import Outcome
+from b23d.pipeline.tally import Tally, span
+from b23d.pipeline.tasks import Outcome, Task
 
-WANTED = (State.CACHED, State.RUN, State.BLOCKED)
+EVERY = 20.0  # seconds between lines where there is no terminal
+LATER = 60.0  # and after ten of them
 
 
 class RunProgress:
     """Watches `Run.execute`. Use as a context manager; `start` and `watch` are its callbacks."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, every: float = EVERY) -> None:
         self.console = console
-        name, note = TextColumn("{task.description:<12}"), TextColumn("{task.fields[note]}")
-        self._progress = Progress(name, BarColumn(), MofNCompleteColumn(), note, TimeRemainingColumn(), console=console)
-        self._bars: dict[str, TaskID] = {}
-        self._seconds: dict[str, list[float]] = defaultdict(list)
-        self._failed: Counter[str] = Counter()
-        self._stored = self._wanted = 0
+        self.tally = Tally()
+        self._bars = _Bars(console) if console.is_terminal else None
+        self._every, self._ended = every, threading.Event()
 
     def __enter__(self) -> RunProgress:
+        if self._bars is None:
+            threading.Thread(target=self._tell, daemon=True).start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        self._progress.stop()
+        self._ended.set()
+        if self._bars is not None:
+            self._bars.progress.stop()
         if isinstance(error, Stopped):
-            state = f"{self._stored} of {self._wanted} stored" if self._wanted else "nothing was planned yet"
+            stored, wanted = self.tally.stored, self.tally.wanted
+            state = f"{stored} of {wanted} stored" if wanted else "nothing was planned yet"
             error.text = f"stopped: {state}; run again to go on"
 
     def start(self, plan: Plan, address: str) -> None:
+        self.tally.plan(plan)
         self.console.print(f"[dim]{len(plan.to_run())} to run; dashboard: {escape(address)}[/]", highlight=False)
-        counts, inlined = plan.count(), plan.inlined()
-        self._stored = sum(states[State.CACHED] for states in counts.values())
-        self._wanted = sum(n for states in counts.values() for state, n in states.items() if state in WANTED)
-        for stage in plan.stages:
-            total = counts[stage][State.RUN]
-            if total:
-                self._bars[stage] = self._progress.add_task(stage, total=total, note="")
-            elif inlined[stage]:
-                self.console.print(
-                    f"[dim]{stage}: {inlined[stage]} inside their consumers (transient)[/]", highlight=False
-                )
-        self._progress.start()
+        for stage, count in plan.inlined().items():
+            self.console.print(f"[dim]{stage}: {count} inside their consumers (transient)[/]", highlight=False)
+        if self._bars is not None:
+            self._bars.show(self.tally)
+            self._bars.progress.start()
 
-    def watch(self, plan: Plan, outcome: Outcome | None) -> None:
-        if outcome is None:
-            return
-        if outcome.failure is not None:
-            self._failed[outcome.stage] += 1
-            self._progress.console.print(f"[red]✗[/] {outcome.stage}: {escape(outcome.failure.error)}", highlight=False)
-        else:
-            self._stored += 1
-            self._seconds[outcome.stage].append(outcome.seconds)
-        seconds, failed = self._seconds[outcome.stage], self._failed[outcome.stage]
-        note = f"{sum(seconds) / len(seconds):.2f} s each" if seconds else ""
-        note += f" [red]{failed} failed[/]" if failed else ""
-        self._progress.update(self._bars[outcome.stage], advance=1, note=note)
+    def watch(self, plan: Plan, what: Outcome | Task) -> None:
+        self.tally.hear(what)
+        if isinstance(what, Outcome) and what.failure is not None:
+            self.console.print(f"[red]✗[/] {what.stage}: {escape(what.failure.error)}", highlight=False)
+        if self._bars is not None:
+            self._bars.show(self.tally, what.stage)
+
+    def _tell(self) -> None:
+        lines = 0
+        while not self._ended.wait(self._every if lines < 10 else max(self._every, LATER)):
+            lines += 1
+            self.console.print(f"{time.strftime('%H:%M:%S')}  {self.tally.line()}", highlight=False, markup=False)
+
+
+class _Bars:
+    """One bar for all, with the time left, and one a stage; those at work turn."""
+
+    def __init__(self, console: Console) -> None:
+        name, note = TextColumn("{task.description:<12}"), TextColumn("{task.fields[note]}")
+        self.progress = Progress(
+            SpinnerColumn(finished_text=" "), name, BarColumn(), MofNCompleteColumn(), note, console=console
+        )
+        self._bars: dict[str, TaskID] = {}
+
+    def show(self, tally: Tally, stage: str | None = None) -> None:
+        """Bring the bars (or the one of a stage) and that for all up to date."""
+        left = tally.seconds_left()
+        self._set(
+            "all", tally.done.total(), tally.total.total(), f"about {span(left)} left" if left is not None else ""
+        )
+        for name in [stage] if stage else tally.total:
+            mean, failed = tally.each(name), tally.failed[name]
+            note = [f"{mean:.2f} s each"] if mean is not None else []
+            note += ["running"] if tally.given[name] > 0 else []
+            note += [f"[red]{failed} failed[/]"] if failed else []
+            self._set(name, tally.done[name] + failed, tally.total[name], ", ".join(note))
+
+    def _set(self, name: str, done: int, total: int, note: str) -> None:
+        if name not in self._bars:
+            self._bars[name] = self.progress.add_task(name, total=total, note=note)
+        self.progress.update(self._bars[name], completed=done, total=total, note=note)
 
 
 def stage_table(report: Report) -> Table:

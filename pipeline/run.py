@@ -26,10 +26,12 @@ from b23d.pipeline.index import Index
 from b23d.pipeline.members import SUFFIX
 from b23d.pipeline.plan import Node, Plan, State
 from b23d.pipeline.planning import make_plan
+from b23d.pipeline.runlog import RunLog, both
 from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
 from b23d.pipeline.selection import EVERYTHING, Selection
+from b23d.pipeline.stopping import Stopped
 from b23d.pipeline.store import Store
-from b23d.pipeline.tasks import Outcome
+from b23d.pipeline.tasks import Outcome, Task
 from b23d.pipeline.warned import remember, warnings
 from b23d.schemas.artifact import Artifact
 
@@ -75,21 +77,28 @@ class Run:
         workers: int | None = None,
         scheduler: str | None = None,
         selection: Selection = EVERYTHING,
-        watch: Callable[[Plan, Outcome | None], None] = lambda plan, outcome: None,
+        watch: Callable[[Plan, Outcome | Task], None] = lambda plan, what: None,
         on_start: Callable[[Plan, str], None] = lambda plan, address: None,
     ) -> Report:
         """Do what is missing. Failed shapes are quarantined, the rest goes on.
 
-        `workers=0`: in this process. `on_start` hears the plan and the executor's address, `watch` every outcome.
+        `workers=0`: in this process. `on_start` hears the plan and the executor's address, `watch` every task
+        that is given to a worker and every outcome; both are written to `run.log` in the run's folder, too.
         Raises StoreError where the store cannot be written, ResourceError where no worker has what a stage needs.
         """
         self.open_to_write()
         self.store.drop_leftovers()
         record, started = begin(self, selection), time.perf_counter()
         try:
-            plan, report = RunLoop(self, selection, watch, on_start).go(lambda: self._executor(workers, scheduler))
+            with RunLog(self.folder, self.name) as log:
+                loop = RunLoop(self, selection, both(log.watch, watch), both(log.start, on_start))
+                plan, report = loop.go(lambda: self._executor(workers, scheduler))
         except BaseException as error:
-            why = "stopped" if isinstance(error, KeyboardInterrupt | SystemExit) else f"{type(error).__name__}: {error}"
+            why = (
+                "stopped"
+                if isinstance(error, KeyboardInterrupt | SystemExit | Stopped)
+                else f"{type(error).__name__}: {error}"
+            )
             stopped(self.store, record, time.perf_counter() - started, why)
             raise
         report.record = finish(self.store, record, plan, report).id

@@ -10,7 +10,7 @@ import time
 import traceback
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import numpy as np
 from b23d.pipeline.dataset import Leaf
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
 from b23d.pipeline.index import Failure
+from b23d.pipeline.listening import listening
 from b23d.pipeline.plan import LeafNode, Node, State
 from b23d.pipeline.provenance import provenance
 from b23d.pipeline.stage import load_stages_once
@@ -106,6 +107,8 @@ class Outcome:
     content: str = ""
     """Digest of what was made, and of what it was made of: see `pipeline/address.py`."""
     key: str | None = None
+    said: str = ""
+    """What its libraries printed and warned of."""
     failure: Failure | None = None
     warnings: tuple[str, ...] = ()
     """What the stage found odd and let pass, each naming the shape."""
@@ -132,11 +135,13 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
 
 
 def run_batch(tasks: Sequence[Task]) -> list[Outcome]:
-    return list(run_tasks(tasks))
+    """In a worker process."""
+    return list(run_tasks(tasks, apart=True))
 
 
-def run_tasks(tasks: Sequence[Task]) -> Iterator[Outcome]:
-    """One after the other; what one has made is at hand for the next. What needs a failed one is left out."""
+def run_tasks(tasks: Sequence[Task], apart: bool = False) -> Iterator[Outcome]:
+    """One after the other; what one has made is at hand for the next. What needs a failed one is left out. `apart`:
+    this process is a worker."""
     wanted = [task.stored_inputs() for task in tasks]
     failed: set[tuple[str, str]] = set()
     _MADE.clear()
@@ -146,12 +151,15 @@ def run_tasks(tasks: Sequence[Task]) -> Iterator[Outcome]:
             failed.add(key)
             continue
         later = set().union(*wanted[place + 1 :])
-        outcome = run_task(task, keep=key in later)
+        with listening(apart) as said:
+            outcome = run_task(task, keep=key in later)
         if outcome.failure is not None:
             failed.add(key)
         for done in _MADE.keys() - later:
             del _MADE[done]
-        yield outcome
+        yield replace(outcome, said=said.text) if said.text else outcome
+        if outcome.failure is not None and outcome.failure.store:
+            return  # it would fail for each in turn
 
 
 def run_task(task: Task, keep: bool = False) -> Outcome:

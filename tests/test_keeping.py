@@ -17,7 +17,7 @@ from b23d.pipeline.plan import Plan, State
 from b23d.pipeline.roots import FOLDER, lease, note_root, roots
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import Store
-from b23d.pipeline.tasks import Outcome
+from b23d.pipeline.tasks import Outcome, Task
 from b23d.pipeline.upkeep import garbage, known_run_files, reached, verify
 from tests.toy import make_toy
 
@@ -37,8 +37,8 @@ class Killed(BaseException):
 def kill_after(count: int):  # type: ignore[no-untyped-def]
     done = []
 
-    def watch(plan: Plan, outcome: Outcome | None) -> None:
-        done.append(outcome)
+    def watch(plan: Plan, outcome: Outcome | Task) -> None:
+        done.extend([] if isinstance(outcome, Task) else [outcome])
         if len(done) == count:
             raise Killed
 

@@ -6,13 +6,13 @@ import shutil
 import socket
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from b23d.pipeline.errors import ClusterError, RunFileError
-from b23d.pipeline.plan import State
+from b23d.pipeline.plan import Plan, State
 from b23d.pipeline.run import Run
+from b23d.pipeline.tasks import Outcome, Task
 from tests.separate_cluster import SeparateCluster, separate_cluster
 from tests.toy import make_toy
 
@@ -51,7 +51,9 @@ def test_what_dies_in_mid_run_is_named_and_nothing_done_is_lost(tmp_path: Path, 
     path = make_toy(tmp_path, extra=SLOW)
     with separate_cluster(tmp_path) as cluster:
 
-        def kill(*_: Any) -> None:
+        def kill(_: Plan, what: Outcome | Task) -> None:
+            if isinstance(what, Task):
+                return
             for process in [cluster.scheduler] if victim == "scheduler" else cluster.workers:
                 process.kill()
 
@@ -66,11 +68,11 @@ def test_what_dies_in_mid_run_is_named_and_nothing_done_is_lost(tmp_path: Path, 
 def test_one_worker_dies_another_comes_and_the_run_is_whole(tmp_path: Path) -> None:
     path = make_toy(tmp_path, extra=SLOW)
     with separate_cluster(tmp_path, workers=2) as cluster:
-        seen: list[Any] = []
+        seen: list[Outcome | Task] = []
 
-        def replace(*outcome: Any) -> None:
-            seen.append(outcome)
-            if len(seen) == 2:
+        def replace(_: Plan, what: Outcome | Task) -> None:
+            seen.append(what)
+            if len([each for each in seen if isinstance(each, Outcome)]) == 2:
                 cluster.workers[0].kill()
                 cluster.add_worker()
 

@@ -18,6 +18,7 @@ from b23d.pipeline.plan import State
 from b23d.pipeline.run import Run
 from b23d.pipeline.stage import STAGES
 from b23d.pipeline.store import Store
+from b23d.pipeline.tasks import Outcome
 from tests.toy import Numbers, make_toy
 
 Write = Callable[[Path, bytes], int]
@@ -105,8 +106,8 @@ def test_a_store_that_is_taken_away_is_not_begun_anew(tmp_path: Path) -> None:
     path = make_toy(tmp_path)
     store = tmp_path / "store"
 
-    def unmount(*_: object) -> None:
-        if store.exists():
+    def unmount(_: object, what: object) -> None:
+        if isinstance(what, Outcome) and store.exists():
             store.rename(tmp_path / "away")
 
     with pytest.raises(StoreError):

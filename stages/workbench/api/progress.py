@@ -9,7 +9,7 @@ from collections import Counter
 from typing import Any
 
 from b23d.pipeline.plan import Plan, State
-from b23d.pipeline.tasks import Outcome
+from b23d.pipeline.tasks import Outcome, Task
 
 EVERY = 0.5  # seconds between two changes
 
@@ -33,8 +33,8 @@ class NotebookProgress:
         self._total.update({stage: counts[State.RUN] for stage, counts in plan.count().items()})
         self._show()
 
-    def watch(self, plan: Plan, outcome: Outcome | None) -> None:
-        if outcome is None:
+    def watch(self, plan: Plan, outcome: Outcome | Task) -> None:
+        if isinstance(outcome, Task):
             return
         self._done[outcome.stage] += 1
         self._failed += outcome.failure is not None

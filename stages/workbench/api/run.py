@@ -19,7 +19,7 @@ from b23d.pipeline.config import load_config
 from b23d.pipeline.plan import Plan
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.selection import EVERYTHING, Selection
-from b23d.pipeline.tasks import Outcome
+from b23d.pipeline.tasks import Outcome, Task
 from b23d.stages.workbench.api.guard import unguarded_script
 from b23d.stages.workbench.api.progress import NotebookProgress, in_notebook
 
@@ -36,7 +36,7 @@ class LoadedRun(Run):
         workers: int | None = None,
         scheduler: str | None = None,
         selection: Selection = EVERYTHING,
-        watch: Callable[[Plan, Outcome | None], None] | None = None,
+        watch: Callable[[Plan, Outcome | Task], None] | None = None,
         on_start: Callable[[Plan, str], None] | None = None,
     ) -> Report:
         """As the engine's, and progress is shown in a notebook, if nobody else watches.
