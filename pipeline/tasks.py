@@ -21,6 +21,7 @@ from b23d.pipeline.dataset import Leaf
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
 from b23d.pipeline.index import Failure
 from b23d.pipeline.listening import listening
+from b23d.pipeline.marker import MARKER
 from b23d.pipeline.plan import LeafNode, Node, State
 from b23d.pipeline.provenance import provenance
 from b23d.pipeline.stage import load_stages_once
@@ -171,6 +172,8 @@ def run_task(task: Task, keep: bool = False) -> Outcome:
     try:
         _reset_peak()
         artifact = _compute(task, store, clock, {})
+        if store.local and not Path(store.root, MARKER).exists():  # taken away meanwhile: it is not begun anew
+            raise StoreError(f"store: expected {store.url} to stay where it was, got nothing there; bring it back")
         made = provenance(task, clock.seconds, peak_mb())
         stored, content = store.write(task.stage, task.address, artifact, made, task.key)
         if keep:

@@ -96,6 +96,7 @@ def test_a_failure_inside_a_chain_is_its_own(tmp_path: Path) -> None:
     path = make_toy(tmp_path)
     (tmp_path / "numbers" / "bad.txt").write_text("-13 1")
     run = Run.load(path)
+    run.open_to_write()
     plan = run.plan()
     nodes = [node for node in plan.to_run() if node.shape in ("toy/bad", "toy/s1") and node.stage != "add"]
     tasks = [make_task(node, run.config.params, run.store.url) for node in nodes]
