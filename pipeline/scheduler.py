@@ -17,7 +17,8 @@ from b23d.pipeline.cluster import Cluster
 from b23d.pipeline.errors import ClusterError, ResourceError
 from b23d.pipeline.index import Failure
 from b23d.pipeline.stage import Hints
-from b23d.pipeline.tasks import Outcome, Task, run_batch, run_tasks
+from b23d.pipeline.tasks import Outcome, Task
+from b23d.pipeline.worker import run_batch, run_tasks
 from b23d.schemas.runfile import Execution
 
 PULSE = 1.0  # seconds without an outcome before the cluster is asked whether it is still there

@@ -13,7 +13,8 @@ from b23d.pipeline.batches import Batches
 from b23d.pipeline.frontier import Frontier, needed
 from b23d.pipeline.plan import Node
 from b23d.pipeline.run import Run
-from b23d.pipeline.tasks import Outcome, make_task, run_tasks
+from b23d.pipeline.tasks import Outcome, make_task
+from b23d.pipeline.worker import as_stored, run_tasks
 from tests.toy import Numbers, make_idle, make_toy
 
 
@@ -107,8 +108,6 @@ def test_a_failure_inside_a_chain_is_its_own(tmp_path: Path) -> None:
 
 def test_what_the_next_task_gets_is_what_the_store_would_give(tmp_path: Path) -> None:
     """Arrays in C order and plain JSON values: results must not hang on who was in one batch."""
-    from b23d.pipeline.tasks import as_stored
-
     made = Numbers(values=np.arange(6.0)[::2], grid=np.asfortranarray(np.ones((2, 3), np.float32)), note="ü")
     store = Run.load(make_toy(tmp_path)).store
     store.write("square", "ab" * 32, made, {})

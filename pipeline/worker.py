@@ -1,0 +1,194 @@
+"""What a worker does with the tasks it is given: read, compute, check, store; failures come back as outcomes."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import resource
+import time
+import traceback
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
+from b23d.pipeline.index import Failure
+from b23d.pipeline.listening import listening
+from b23d.pipeline.marker import MARKER
+from b23d.pipeline.provenance import provenance
+from b23d.pipeline.stage import load_stages_once
+from b23d.pipeline.store import Store
+from b23d.pipeline.tasks import Loaded, Outcome, Stored, Task
+from b23d.schemas.artifact import Artifact
+
+
+def run_batch(tasks: Sequence[Task]) -> list[Outcome]:
+    """In a worker process."""
+    return list(run_tasks(tasks, apart=True))
+
+
+def run_tasks(tasks: Sequence[Task], apart: bool = False) -> Iterator[Outcome]:
+    """One after the other; what one has made is at hand for the next. What needs a failed one is left out. `apart`:
+    this process is a worker."""
+    wanted = [task.stored_inputs() for task in tasks]
+    failed: set[tuple[str, str]] = set()
+    _MADE.clear()
+    for place, task in enumerate(tasks):
+        key = (task.stage, task.address)
+        if failed & wanted[place]:
+            failed.add(key)
+            continue
+        later = set().union(*wanted[place + 1 :])
+        with listening(apart) as said:
+            outcome = run_task(task, keep=key in later)
+        if outcome.failure is not None:
+            failed.add(key)
+        for done in _MADE.keys() - later:
+            del _MADE[done]
+        yield replace(outcome, said=said.text) if said.text else outcome
+        if outcome.failure is not None and outcome.failure.store:
+            return  # it would fail for each in turn
+
+
+def run_task(task: Task, keep: bool = False) -> Outcome:
+    """Make and publish one artifact. Never raises: what goes wrong comes back as the outcome's failure. `keep`: hold it
+    in memory, too."""
+    started = time.perf_counter()
+    store = _store(task.store)
+    clock = _Clock()
+    try:
+        _reset_peak()
+        artifact = _compute(task, store, clock, {})
+        if store.local and not Path(store.root, MARKER).exists():  # taken away meanwhile: it is not begun anew
+            raise StoreError(f"store: expected {store.url} to stay where it was, got nothing there; bring it back")
+        made = provenance(task, clock.seconds, peak_mb())
+        stored, content = store.write(task.stage, task.address, artifact, made, task.key)
+        if keep:
+            _MADE[task.stage, task.address] = artifact
+        overhead = time.perf_counter() - started - clock.seconds
+        odd = tuple(naming(task.shape, line) for line in getattr(artifact, "warnings", ()))
+        measured = clock.seconds, overhead, stored, peak_mb()
+        return Outcome(task.stage, task.address, task.shape, *measured, content=content, key=task.key, warnings=odd)
+    except Exception as error:
+        failure = failure_of(task, error)
+        return Outcome(task.stage, task.address, task.shape, clock.seconds, peak_mb=peak_mb(), failure=failure)
+
+
+def failure_of(task: Task, error: BaseException) -> Failure:
+    permanent = not isinstance(error, MemoryError | OSError) or isinstance(error, FileNotFoundError)
+    at_fault = str(error) if isinstance(error, StoreError) else naming(task.shape, str(error))
+    text = f"{type(error).__name__}: {at_fault}"
+    told, damaged = "".join(traceback.format_exception(error)), _damaged(error)
+    return Failure(
+        task.stage,
+        task.shape,
+        task.address,
+        text,
+        permanent and damaged is None,
+        told,
+        isinstance(error, StoreError),
+        damaged,
+    )
+
+
+def _damaged(error: BaseException | None) -> tuple[str, str] | None:
+    """The stored input that an error is about, if it is about one."""
+    while error is not None:
+        if isinstance(error, ArtifactNotFoundError | CorruptArtifactError) and error.artifact:
+            return error.artifact
+        error = error.__cause__ or error.__context__
+    return None
+
+
+class _Clock:
+    """Adds up the seconds spent in stage functions."""
+
+    seconds = 0.0
+
+
+def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact]) -> Artifact:
+    """Run the stage's function on its inputs. `made` holds what ran inline for this task, so that nothing runs
+    twice."""
+    stage = load_stages_once()[task.stage]
+
+    def load(name: str, item: Stored | Loaded | Task) -> Artifact:
+        if isinstance(item, Stored):
+            schema = next(i.schema for i in stage.inputs if i.name == name)
+            return _read(store, item, schema)
+        if isinstance(item, Loaded):
+            return item.leaf.read()
+        if item.address not in made:
+            made[item.address] = _compute(item, store, clock, made)
+        return made[item.address]
+
+    arguments: dict[str, Any] = {item.name: None for item in stage.inputs}
+    for name, value in task.inputs.items():
+        arguments[name] = [load(name, item) for item in value] if isinstance(value, list) else load(name, value)
+    started = time.perf_counter()
+    try:
+        artifact = stage.function(**arguments, params=task.params)
+    except Exception as error:
+        error.add_note(f"stage {task.stage}, shape {task.shape}, address {task.address[:12]}")
+        raise
+    finally:
+        clock.seconds += time.perf_counter() - started
+    if not isinstance(artifact, stage.gives):
+        raise TypeError(
+            f"stage {task.stage}: expected to give {stage.gives.__name__}, got {type(artifact).__name__}; "
+            "mend the stage"
+        )
+    return artifact
+
+
+_KEPT: OrderedDict[tuple[str, str], Artifact] = OrderedDict()
+KEEP = 16  # shots of a few classes and draws; each holds at most a feature and a distance matrix, about 10 MB
+
+
+_MADE: dict[tuple[str, str], Artifact] = {}  # by this batch, and wanted in it again
+
+
+def as_stored(artifact: Artifact, schema: type[Artifact]) -> Artifact:
+    """What reading it from the store would give, so that a batch changes no result: JSON values, arrays in C order."""
+    arrays = {name: np.ascontiguousarray(value) for name, value in artifact.present_arrays().items()}
+    values = json.loads(json.dumps(artifact.plain_fields()))
+    return schema.lazy(values, set(arrays), arrays.__getitem__)
+
+
+def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
+    key = (item.stage, item.address)
+    if key in _MADE:
+        return as_stored(_MADE[key], schema)
+    if key in _KEPT:
+        _KEPT.move_to_end(key)
+        return _KEPT[key]
+    artifact = store.read(item.stage, item.address, schema)
+    if item.keep:
+        _KEPT[key] = artifact
+        while len(_KEPT) > KEEP:
+            _KEPT.popitem(last=False)
+    return artifact
+
+
+@cache
+def _store(url: str) -> Store:
+    return Store(url)
+
+
+def _reset_peak() -> None:
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # Linux: the high-water mark starts anew
+
+
+def peak_mb() -> float:
+    """This process's peak resident memory, of the running task where the system can tell (Linux), else since its
+    start."""
+    try:
+        line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024
+    except (OSError, StopIteration):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
