@@ -12,6 +12,8 @@ from b23d.stages.geometry.encoding import alike
 
 LARGEST = 1024
 """Longest side of a texture, pixels: views are a few hundred pixels wide, and more would only be stored."""
+PIXELS = 8192**2
+"""Pixels of the largest image that is decoded, 256 MB: a file of a few bytes may promise any number."""
 
 
 def find(files: dict[str, bytes], name: str) -> bytes | None:
@@ -26,12 +28,14 @@ def find(files: dict[str, bytes], name: str) -> bytes | None:
 
 def decode(data: bytes, opaque: bool = False) -> np.ndarray | None:
     """An image file as (h, w, 3) uint8, first row on top, transparent parts white unless `opaque`; None where it
-    cannot be read."""
+    cannot be read or its header promises more than `PIXELS`."""
     try:
-        with Image.open(io.BytesIO(data)) as image:
+        with Image.open(io.BytesIO(data)) as image:  # reads the header only
+            if image.width * image.height > PIXELS:
+                return None
             image.load()
             return flatten(image, opaque)
-    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError):
+    except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError, Image.DecompressionBombWarning):
         return None
 
 
@@ -39,7 +43,8 @@ def flatten(image: Image.Image, opaque: bool = False) -> np.ndarray:
     """An image as (h, w, 3) uint8 of at most `LARGEST` a side, laid over white unless its alpha means nothing
     (`opaque`)."""
     has_alpha = image.mode in ("RGBA", "LA", "PA", "La", "RGBa") or "transparency" in image.info
-    image = image.convert("RGBA" if has_alpha and not opaque else "RGB")
+    mode = "RGBA" if has_alpha and not opaque else "RGB"
+    image = image if image.mode == mode else image.convert(mode)
     if max(image.size) > LARGEST:
         ratio = LARGEST / max(image.size)
         image = image.resize(
