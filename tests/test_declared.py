@@ -65,5 +65,5 @@ def test_what_the_tests_import_is_declared() -> None:
 def test_what_is_declared_is_pinned() -> None:
     pinned = named([line for line in (ROOT / "constraints.txt").read_text().splitlines() if re.match(r"\w", line)])
     extras = PROJECT["optional-dependencies"]
-    installed = [PROJECT["dependencies"], extras["dev"], extras["vit"]]  # by `make setup`; stores elsewhere are a choice
+    installed = [PROJECT["dependencies"], extras["dev"], extras["vit"]]  # what `make setup` takes
     assert {name for needs in installed for name in named(needs)} - pinned == set()
