@@ -5,6 +5,23 @@
 A leaf's address is the sha256 of its values and its files' bytes. Device, workers, batch sizes, paths and library
 versions never enter. `tests/test_address.py` freezes the recipe with golden digests: change it only together with
 `RECIPE`.
+
+What an input *gave* decides, not how it was made. An address names a recipe, and is known before anything has run; but
+two recipes may give the same. So an artifact's head also holds two digests:
+
+    content = sha256 of what it holds: schema, values, arrays; provenance and encoding are left out
+    key     = the address's own formula, with each input's content in place of its address
+
+Equal keys: the same stage, version and parameters have seen the very same inputs, so they give the same, and one
+artifact does for both (early cut-off). Where nothing is stored at a node's address, an artifact with its key is looked
+for, and taken as the node's own. So after a new version of a stage that gives what the old one gave, or a mesh saved
+again with other comments, that stage runs and nothing below it. A node's key is known once all that it needs is stored;
+until then the node stands behind what is to run.
+
+Keys are only ever looked up. Addresses below a reused artifact are made of its node's own address, not of where it was
+found, so they are the same on every machine and in every order of making; and a store whose keys are lost is still a
+store. Contents never pass for addresses or the other way round: each digest's preimage says what it is. A stage that is
+never stored (`transient`) has no content that could be known before it is run: in keys its own key stands for it.
 """
 
 from __future__ import annotations

@@ -22,8 +22,11 @@ MOST = 64
 class Batches:
     """Ready nodes of a frontier, in batches. Nodes of one batch are of one lane: they need the same resources."""
 
-    def __init__(self, frontier: Frontier, lane: Callable[[str], object]) -> None:
-        self._frontier, self._lane = frontier, lane
+    def __init__(
+        self, frontier: Frontier, lane: Callable[[str], object], alone: Callable[[Node], bool] = lambda node: False
+    ) -> None:
+        """`alone`: which nodes follow nothing, because they may turn out not to be needed."""
+        self._frontier, self._lane, self._alone = frontier, lane, alone
         self._seconds: dict[str, float] = defaultdict(lambda: UNKNOWN)
 
     def next(self, slots: int) -> list[Node]:
@@ -47,7 +50,9 @@ class Batches:
         seconds = self._seconds[first.stage]
         for node in chain:  # grows meanwhile
             following = [
-                n for n in self._frontier.followers(node, before) if self._lane(n.stage) == self._lane(first.stage)
+                n
+                for n in self._frontier.followers(node, before)
+                if self._lane(n.stage) == self._lane(first.stage) and not self._alone(n)
             ]
             if alone and len(following) > 1:
                 continue

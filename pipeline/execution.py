@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from b23d.pipeline.batches import Batches
 from b23d.pipeline.errors import StoreError
-from b23d.pipeline.frontier import Frontier
+from b23d.pipeline.frontier import Frontier, needed
 from b23d.pipeline.index import Failure, Given
 from b23d.pipeline.marker import store_format
 from b23d.pipeline.plan import SHOTS, Node, Plan, State
@@ -40,6 +40,8 @@ class Report:
     seconds: float = 0.0
     done: list[Outcome] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
+    spared: list[Outcome] = field(default_factory=list)
+    """What needed not run after all: something above was made anew and gave what was known."""
     blocked: int = 0
     warnings: list[str] = field(default_factory=list)
     """What stages found odd and let pass, in this run and before."""
@@ -76,6 +78,11 @@ class RunLoop:
         self._total, self._started = 0, time.perf_counter()
         self._running: dict[tuple[str, str], str] = {}
         """What workers have in hand, in words."""
+        self._making: dict[str, list[Node]] = {}
+        """Key of each task under way → nodes made of the very same, which wait for it."""
+        self._seconds: dict[str, dict[str, float]] = {}
+        self._made: dict[str, set[str] | None] = {}
+        """Stage → shapes of which it had made something before; None: the index does not know all of them."""
 
     def go(self, make_executor: Callable[[], Executor]) -> tuple[Plan, Report]:
         """Raises StoreError where the store fails; what is finished is stored."""
@@ -92,7 +99,7 @@ class RunLoop:
                     stack.callback(self._close, executor)
                 self.on_start(plan, executor.address)
                 self._round += 1
-                before = len(self.report.done) + len(self._tried) + len(self._healed)
+                before = self._steps()
                 self._do(plan, executor)
                 waited = self._sharing.wait()
                 self.selection = replace(self.selection, force=False)
@@ -100,9 +107,10 @@ class RunLoop:
                 if again.nodes.keys() != plan.nodes.keys():
                     self._note(again)
                 plan = again
-                if not waited and before == len(self.report.done) + len(self._tried) + len(self._healed):
+                if not waited and before == self._steps():
                     break  # what is left waits for what has failed
             self._whole = True
+            self._note(plan, ended=True)
         known = {failure.address for failure in self.report.failures}
         self.report.failures += [
             problem
@@ -120,12 +128,15 @@ class RunLoop:
         return {
             "run": self.run.name,
             "overrides": list(self.run.config.overrides),
-            "done": len(self.report.done),
+            "done": len(self.report.done) + len(self.report.spared),
             "total": self._total,
             "failed": len(self.report.failures),
             "seconds": round(time.perf_counter() - self._started, 1),
             "running": list(self._running.values()),
         }
+
+    def _steps(self) -> int:
+        return len(self.report.done) + len(self.report.spared) + len(self._tried) + len(self._healed)
 
     def _close(self, executor: Executor) -> None:
         executor.close(at_once=not self._whole)
@@ -133,7 +144,7 @@ class RunLoop:
     def _left(self, plan: Plan) -> list[Node]:
         return [node for node in plan.to_run() if (node.stage, node.recipe) not in self._tried]
 
-    def _note(self, plan: Plan) -> str:
+    def _note(self, plan: Plan, ended: bool = False) -> str:
         """Before the first task, so that `gc` keeps what it makes: all that the run reaches, targets left out by
         the selection too."""
         reached: dict[str, set[str]] = {stage: set() for stage in self.run.config.stages}
@@ -141,35 +152,40 @@ class RunLoop:
             reached[stage].add(address)
         config = self.run.config
         addresses = {stage: sorted(made) for stage, made in reached.items()}
-        return note_root(self.run.store, config.path, config.overrides, addresses)
+        return note_root(self.run.store, config.path, config.overrides, addresses, besides=not ended)
 
     def _do(self, plan: Plan, executor: Executor) -> None:
         for node in plan.to_run():
             if node.forced:
                 self.run.store.delete(node.stage, node.address)
-        frontier = Frontier(plan)
+        frontier, self._making = Frontier(plan), {}
         for stage, recipe in self._tried:
             frontier.failed(stage, recipe)
-        batches = Batches(frontier, executor.lane)
-        for outcome in executor.run(lambda slots: self._batch(plan, batches, slots)):
+        batches = Batches(frontier, executor.lane, lambda node: self._may_be_spared(plan, node))
+        for outcome in executor.run(lambda slots: self._batch(plan, frontier, batches, slots)):
             batches.heard(outcome)
             self._running.pop((outcome.stage, outcome.address), None)
             self._sharing.release(outcome.stage, outcome.address)
+            waiting = self._making.pop(plan.nodes[outcome.stage, outcome.address].key or "", [])
             if outcome.failure is None:
-                self._done(outcome)
+                self._done(plan, outcome)
                 frontier.done(outcome.stage, outcome.address)
+                for node in waiting:
+                    self._spare(plan, frontier, node, outcome.address)
             else:
+                for node in waiting:
+                    frontier.again(node)
                 frontier.failed(outcome.stage, outcome.address)
                 if self._heal(outcome.failure):
                     continue
                 self._failed(outcome.failure)
             self.watch(plan, outcome)
 
-    def _batch(self, plan: Plan, batches: Batches, slots: int) -> list[Task]:
+    def _batch(self, plan: Plan, frontier: Frontier, batches: Batches, slots: int) -> list[Task]:
         """Tasks that go to a worker together; none: nothing is ready just now."""
         while nodes := batches.next(slots):
             untried = [node for node in nodes if (node.stage, node.recipe) not in self._tried]
-            if nodes := self._sharing.ours(untried):
+            if nodes := self._sharing.ours(self._unknown(plan, frontier, untried)):
                 self._running.update({(node.stage, node.recipe): f"{node.stage} of {node.shape}" for node in nodes})
                 tasks = [make_task(node, self.run.config.params, self.run.store.url) for node in nodes]
                 for task in tasks:
@@ -177,7 +193,42 @@ class RunLoop:
                 return tasks
         return []
 
-    def _done(self, outcome: Outcome) -> None:
+    def _unknown(self, plan: Plan, frontier: Frontier, nodes: list[Node]) -> list[Node]:
+        """Of nodes in the order to make them in, those that are to be made: what turns out to be stored is spared, what
+        is made of the same as another under way waits for it, and what needs that goes back."""
+        unknown: list[Node] = []
+        waiting: set[tuple[str, str]] = set()
+        for node in nodes:
+            if not waiting.isdisjoint(needed(node)):
+                frontier.hand_back(node)
+                waiting.add((node.stage, node.recipe))
+                continue
+            key = plan.contents.key(node)
+            if key is not None and not node.forced:
+                if (at := plan.contents.at(node.stage, key)) is not None:
+                    self._spare(plan, frontier, node, at)
+                    continue
+                if key in self._making:
+                    self._making[key].append(node)
+                    waiting.add((node.stage, node.recipe))
+                    continue
+                self._making[key] = []
+            unknown.append(node)
+        return unknown
+
+    def _may_be_spared(self, plan: Plan, node: Node) -> bool:
+        """Whether it should be looked at again once what it needs is made: something was made of this shape before, or
+        of who knows which."""
+        if node.stage not in self._made:
+            made = self.run.index.shapes(node.stage)
+            known = {address for address, *_ in self.run.index.history(node.stage)}
+            self._made[node.stage] = made if plan.contents.present[node.stage] <= known else None
+        shapes = self._made[node.stage]
+        return node.behind and (shapes is None or node.shape in shapes)
+
+    def _done(self, plan: Plan, outcome: Outcome) -> None:
+        node = plan.nodes[outcome.stage, outcome.address]
+        given = Given(outcome.content, plan.contents.key(node))
         self.report.done.append(outcome)
         self.run.index.record(
             outcome.stage,
@@ -186,8 +237,21 @@ class RunLoop:
             outcome.seconds,
             outcome.stored_bytes,
             outcome.peak_mb,
-            Given(outcome.content, outcome.key),
+            given,
         )
+        plan.contents.note(outcome.stage, outcome.address, given)
+        node.state = State.CACHED
+
+    def _spare(self, plan: Plan, frontier: Frontier, node: Node, at: str) -> None:
+        """What a node would give is stored: nothing is to be done."""
+        node.state, node.address = State.CACHED, at
+        if node.stage not in self._seconds:
+            self._seconds[node.stage] = {a: seconds for a, seconds, *_ in self.run.index.history(node.stage)}
+        seconds = self._seconds[node.stage].get(at, 0.0)
+        outcome = Outcome(node.stage, node.recipe, node.shape, seconds, key=node.key, spared=True)
+        self.report.spared.append(outcome)
+        frontier.done(node.stage, node.recipe)
+        self.watch(plan, outcome)
 
     def _failed(self, failure: Failure) -> None:
         if failure.store:

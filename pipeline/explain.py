@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from b23d.pipeline.links import cuts
 from b23d.pipeline.plan import LeafNode, Node
 from b23d.pipeline.run import Run
 from b23d.pipeline.stage import SHOT
@@ -47,6 +48,8 @@ class Explanation:
     """Address of the stored artifact compared with; None: this stage has made nothing of this shape yet."""
     differences: list[Difference] = field(default_factory=list)
     """Deepest cause first: what stands at the head explains the rest."""
+    cuts: list[str] = field(default_factory=list)
+    """Where the chain of causes was cut: what was made anew, but gave what was known."""
 
 
 def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: Run | None = None) -> Explanation:
@@ -76,6 +79,7 @@ def explain_node(run: Run, node: Node, before: _Recipe | None = None) -> Explana
         parts,
         before.address if before else None,
         _unique(found),
+        list(dict.fromkeys(cuts(run, node))),
     )
 
 
@@ -93,15 +97,15 @@ class _Recipe:
 
 
 def _of_node(run: Run, node: Node) -> _Recipe:
-    above = {item.address: item for item in node.upstream()}
+    above = {item.recipe: item for item in node.upstream()}
     stage = run.config.stages[node.stage]
     params = flat(run.config.params[node.stage].hashed())
     fingerprint = dict(stage.fingerprint(run.config.params[node.stage])) if stage.fingerprint else {}
     inputs = {
-        name: [i.address for i in v] if isinstance(v, list) else [v.address] for name, v in _inputs(run, node).items()
+        name: [i.recipe for i in v] if isinstance(v, list) else [v.recipe] for name, v in _inputs(run, node).items()
     }
     return _Recipe(
-        node.stage, node.address, stage.version, params, {**inputs, **{k: [v] for k, v in fingerprint.items()}}, above
+        node.stage, node.recipe, stage.version, params, {**inputs, **{k: [v] for k, v in fingerprint.items()}}, above
     )
 
 

@@ -53,6 +53,10 @@ class Frontier:
         """Give a node out before it is ready, behind what it waits for."""
         self._handed.add((node.stage, node.recipe))
 
+    def hand_back(self, node: Node) -> None:
+        """It is not to follow after all."""
+        self._handed.discard((node.stage, node.recipe))
+
     def done(self, stage: str, address: str) -> None:
         for node in self._below.pop((stage, address), []):
             key = (node.stage, node.recipe)
@@ -72,6 +76,10 @@ class Frontier:
                 lost.append(node)
                 stack += self._below.pop(key, [])
         return lost
+
+    def again(self, node: Node) -> None:
+        """It was popped and has not been made: it is ready still."""
+        self._push(node)
 
     def _push(self, node: Node) -> None:
         heapq.heappush(self._ready, (self._key[node.stage, node.recipe], node))

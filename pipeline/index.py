@@ -139,6 +139,10 @@ class Index:
         rows = self._read("select address from history where stage = ? and shape = ? order by rowid", (stage, shape))
         return [address for (address,) in rows]
 
+    def shapes(self, stage: str) -> set[str]:
+        """Shapes of which a stage has ever made something."""
+        return {shape for (shape,) in self._read("select distinct shape from history where stage = ?", (stage,))}
+
     def given(self, stage: str) -> dict[str, Given]:
         """Address → what it gave, of every artifact of a stage that is known."""
         rows = self._read("select address, content, key from gave where stage = ?", (stage,))

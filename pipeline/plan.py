@@ -12,12 +12,16 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING
 
 from b23d.pipeline.dataset import Leaf
 from b23d.pipeline.draws import Draw
 from b23d.pipeline.index import Failure
 
 SHOTS = "shots"  # stage of a problem with the run's shots that no other shape mends
+if TYPE_CHECKING:
+    from b23d.pipeline.contents import Contents
+
 MISSING = "unreadable"  # address of a leaf whose file cannot be read
 
 
@@ -56,6 +60,10 @@ class Node:
     after: tuple[Node, ...] = ()
     """Checks of the leaves it takes: it waits for them; they give it nothing, and its address does not know them."""
     state: State = State.RUN
+    key: str | None = None
+    """Digest of what it is made of, once all of that is stored (see `pipeline/address.py`)."""
+    behind: bool = False
+    """Something above is to run first; if that gives what is known, this need not run."""
     forced: bool = False
     """It is stored, and is to be made again."""
     reason: str = ""
@@ -83,6 +91,8 @@ class Plan:
     by_shape: ByShape
     """(stage, shape, draw) → node."""
     draws: list[Draw]
+    contents: Contents
+    """What is known of what stored artifacts gave."""
     problems: list[Failure]
     """What is wrong already: unusable shapes, classes with too few shots."""
 
@@ -108,6 +118,10 @@ class Plan:
 
     def to_run(self) -> list[Node]:
         return [node for node in self.nodes.values() if node.state is State.RUN]
+
+    def behind(self) -> int:
+        """How many of those to run may be spared: what they need is to be made first, and may turn out to be known."""
+        return sum(node.behind for node in self.to_run())
 
     def inlined(self) -> Counter[str]:
         """How often each transient stage has to be computed inside the tasks to run."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from b23d.pipeline.address import StageAddress, leaf_address, sha256
 from b23d.pipeline.config import Config, feeding, gates, needed_for
+from b23d.pipeline.contents import Contents
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.draws import Draw, draw_problems, draw_shots
 from b23d.pipeline.errors import naming
@@ -54,7 +55,7 @@ def _make_plan(config: Config, shapes: list[Shape], store: Store, index: Index, 
     problems = _problems(shapes, draws, planner)
     index.save_digests()
     stages = [name for name in config.stages if name in _stages(config, selection)]
-    return Plan(stages, nodes, by_shape, draws, problems)
+    return Plan(stages, nodes, by_shape, draws, planner.contents, problems)
 
 
 def _plan_what_needs_no_shots(planner: _Planner, shapes: list[Shape]) -> set[str]:
@@ -141,6 +142,9 @@ class _Planner:
     def __init__(self, config: Config, store: Store, index: Index, quarantined: dict[str, Failure]) -> None:
         self.config, self.index, self.quarantined = config, index, quarantined
         self.present = {name: store.addresses(name) for name in config.stages}
+        self.transient = frozenset(
+            name for name in config.file.store.transient if name in config.stages and config.stages[name].checks is None
+        )
         self.nodes: dict[tuple[str, str], Node] = {}
         self.by_shape: dict[tuple[str, str, int | None], Node] = {}
         self.leaves: dict[tuple[str, str], LeafNode] = {}
@@ -165,6 +169,7 @@ class _Planner:
             self.sees_shots[name] = upstream_sees or any(item.per_shot for item in stage.inputs)
             self.makers[name] = StageAddress(name, stage.version, params.hashed())
             self.fingerprints[name] = dict(stage.fingerprint(params)) if stage.fingerprint else {}
+        self.contents = Contents(store, index, self.present, self.makers, self.fingerprints, self.transient)
 
     def node(self, name: str, shape: Shape, draw: Draw | None) -> Node | None:
         """The node of (stage, shape, draw); None where the shape lacks a leaf that the stage needs."""
@@ -205,9 +210,14 @@ class _Planner:
 
     def settle(self, node: Node) -> None:
         """Decide a node's state; upstream nodes are settled before."""
-        if node.address in self.present[node.stage]:
+        if node.recipe in self.present[node.stage]:
             node.state = State.CACHED
             return
+        key = self.contents.key(node)
+        if key is not None and (at := self.contents.at(node.stage, key)) is not None:
+            node.state, node.address = State.CACHED, at
+            return
+        node.behind = key is None
         for above in node.upstream():
             if isinstance(above, LeafNode):
                 if above.error:
@@ -216,8 +226,7 @@ class _Planner:
                 node.state, node.reason = State.BLOCKED, above.reason
             elif above.state is not State.CACHED and above.recipe in self.quarantined:
                 node.state, node.reason = State.BLOCKED, self.quarantined[above.recipe].error
-        transient = node.stage in self.config.file.store.transient and self.config.stages[node.stage].checks is None
-        if node.state is State.RUN and transient:
+        if node.state is State.RUN and node.stage in self.transient:
             node.state = State.TRANSIENT
 
     def _input(

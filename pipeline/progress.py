@@ -46,7 +46,7 @@ class RunProgress:
 
     def start(self, plan: Plan, address: str) -> None:
         self.tally.plan(plan)
-        self.console.print(f"[dim]{len(plan.to_run())} to run; dashboard: {escape(address)}[/]", highlight=False)
+        self.console.print(f"[dim]{to_run(plan)}; dashboard: {escape(address)}[/]", highlight=False)
         for stage, count in plan.inlined().items():
             self.console.print(f"[dim]{stage}: {count} inside their consumers (transient)[/]", highlight=False)
         if self._bars is not None:
@@ -94,6 +94,21 @@ class _Bars:
         if name not in self._bars:
             self._bars[name] = self.progress.add_task(name, total=total, note=note)
         self.progress.update(self._bars[name], completed=done, total=total, note=note)
+
+
+def to_run(plan: Plan) -> str:
+    """How many tasks a plan has to run, and how many of them may turn out not to be needed."""
+    behind = plan.behind()
+    sure = f"{len(plan.to_run()) - behind} to run"
+    return f"{sure}, at most {behind} behind them" if behind else sure
+
+
+def spared(report: Report) -> str:
+    """What needed not run after all, in words; empty where that is nothing."""
+    if not report.spared:
+        return ""
+    seconds = sum(outcome.seconds for outcome in report.spared)
+    return f"{len(report.spared)} spared ({seconds:,.1f} s): what they are made of came out as it was"
 
 
 def stage_table(report: Report) -> Table:

@@ -47,10 +47,20 @@ class Root:
         return {(stage, address) for stage, made in self.addresses.items() for address in made}
 
 
-def note_root(store: Store, run_file: Path, overrides: Sequence[str], addresses: dict[str, list[str]]) -> str:
-    """Note what a run reaches, in place of what it reached before; returns the root's name. Raises StoreError."""
+def note_root(
+    store: Store, run_file: Path, overrides: Sequence[str], addresses: dict[str, list[str]], besides: bool = False
+) -> str:
+    """Note what a run reaches, in place of what it reached before, or `besides` that: what it will reuse is known for
+    certain only at its end. Returns the root's name. Raises StoreError."""
     named = {"run": str(run_file.resolve()), "overrides": list(overrides)}
     name = sha256(canonical_json(named))[:32]
+    with suppress(StoreError):  # none yet, or none that can be read
+        before = _root(store, f"{name}.json", False).addresses
+        if besides:
+            stages = addresses.keys() | before.keys()
+            addresses = {s: sorted({*addresses.get(s, []), *before.get(s, [])}) for s in sorted(stages)}
+        if addresses == before:
+            return name
     _put(store, f"{name}.json", {**named, "addresses": addresses})
     return name
 

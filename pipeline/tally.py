@@ -38,6 +38,10 @@ class Tally:
         if isinstance(what, Task):
             self.given[what.stage] += 1
             return
+        if what.spared:
+            self.stored += 1
+            self.total[what.stage] -= 1
+            return
         self.given[what.stage] -= 1
         if what.failure is not None:
             self.failed[what.stage] += 1

@@ -92,6 +92,8 @@ class Outcome:
     key: str | None = None
     said: str = ""
     """What its libraries printed and warned of."""
+    spared: bool = False
+    """It was not run: what it would give is stored already. `seconds` are those that it would have taken."""
     failure: Failure | None = None
     warnings: tuple[str, ...] = ()
     """What the stage found odd and let pass, each naming the shape."""
@@ -114,7 +116,7 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
         elif value is not None:
             inputs[argument] = source(value, keep=False)
     of, after = (node.shape, node.category, tuple(node.draws), node.shots), {(n.stage, n.address) for n in node.after}
-    return Task(node.stage, node.recipe, *of, params[node.stage], inputs, store, after=frozenset(after))
+    return Task(node.stage, node.recipe, *of, params[node.stage], inputs, store, node.key, after=frozenset(after))
 
 
 def _recipe(item: Stored | Loaded | Task) -> str:

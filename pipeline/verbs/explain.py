@@ -47,6 +47,8 @@ def explain(
     for part in told.parts:
         table.add_row(escape(part.name), escape(part.value))
     console.print(table)
+    for cut in told.cuts:
+        console.print(f"reused: {cut}", highlight=False, markup=False, soft_wrap=True)
     where = f"run {against}" if against else "the nearest stored artifact"
     if told.nearest is None:
         console.print(f"{told.stage} has made nothing of {told.shape} in this store yet", highlight=False, markup=False)

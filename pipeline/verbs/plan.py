@@ -50,6 +50,7 @@ def plan(
     exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
+    from b23d.pipeline.progress import to_run
     from b23d.pipeline.projection import project
     from b23d.pipeline.run import Run
     from b23d.pipeline.selection import Selection
@@ -69,6 +70,7 @@ def plan(
             counts = [str(row[key]) if row[key] else "·" for key in ("run", "cached", "blocked")]
             table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
         console.print(table)
+        console.print(to_run(planned), highlight=False)
         console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
         console.print(f"[dim]store: {escape(loaded.store.url)}[/]", highlight=False, soft_wrap=True)
         for problem in planned.problems[:SHOWN]:

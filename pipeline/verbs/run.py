@@ -47,7 +47,7 @@ def run(
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
     from b23d.pipeline.again import run_of
     from b23d.pipeline.history import attach
-    from b23d.pipeline.progress import RunProgress, stage_table
+    from b23d.pipeline.progress import RunProgress, spared, stage_table
     from b23d.pipeline.run import Run
     from b23d.pipeline.selection import Selection
 
@@ -59,7 +59,9 @@ def run(
         report = loaded.execute(workers, scheduler, selection, progress.watch, progress.start)
     if report.done:
         console.print(stage_table(report))
-    else:
+    if report.spared:
+        console.print(spared(report), highlight=False)
+    if not report.done and not report.spared:
         console.print(
             f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False
         )
