@@ -60,6 +60,8 @@ class Record:
     reached: dict[str, int] = field(default_factory=dict)
     """Stage → artifacts it has in all."""
     failures: list[str] = field(default_factory=list)
+    said: dict[str, str] = field(default_factory=dict)
+    """`<stage> of <shape>` → what libraries printed and warned before it failed."""
     blocked: int = 0
     results: dict[str, Any] = field(default_factory=dict)
     """Tables printed after the run, by name: `scores`, `parts`."""
@@ -101,6 +103,7 @@ def finish(store: Store, record: Record, plan: Plan, report: Report) -> Record:
         made=dict(Counter(outcome.stage for outcome in report.done)),
         reached=dict(Counter(stage for stage, _ in addresses)),
         failures=[f"{failure.stage}: {failure.error}" for failure in report.failures[:FAILURES]],
+        said={f"{failure.stage} of {failure.shape}": failure.said for failure in report.failures if failure.said},
         blocked=report.blocked,
     )
     _put(store, ended)

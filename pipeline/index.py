@@ -50,6 +50,8 @@ class Failure:
     """The store failed, not the shape."""
     damaged: tuple[str, str] | None = None
     """(stage, address) of an input that is not, or no longer, what was written."""
+    said: str = ""
+    """What libraries printed and warned before."""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 import time
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, entry_points, version
 from pathlib import Path
@@ -20,7 +21,8 @@ PACKAGES = ("b23d", "numpy", "zarr", "dask")
 """The engine's own; stages add theirs through the entry-point group `b23d.packages`."""
 
 
-def provenance(task: Task, seconds: float, peak_mb: float) -> dict[str, Any]:
+def provenance(task: Task, seconds: float, peak_mb: float, parts: Mapping[str, float], said: str) -> dict[str, Any]:
+    """`parts`: seconds of each stage that ran for it, and of reading; `said`: what libraries printed and warned."""
     stage = load_stages_once()[task.stage]
     return {
         "stage": task.stage,
@@ -33,6 +35,8 @@ def provenance(task: Task, seconds: float, peak_mb: float) -> dict[str, Any]:
         "inputs": task.input_addresses(),
         "inline": {inner.address: _recipe(inner) for inner in task.nested()},
         "seconds": round(seconds, 4),
+        "parts": {name: round(took, 4) for name, took in parts.items()},
+        "said": said,
         "peak_mb": round(peak_mb, 1),
         "created": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "device": _device(),

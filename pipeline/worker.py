@@ -7,7 +7,7 @@ import json
 import resource
 import time
 import traceback
-from collections import OrderedDict
+from collections import OrderedDict, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
@@ -18,7 +18,7 @@ import numpy as np
 
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
 from b23d.pipeline.index import Failure
-from b23d.pipeline.listening import listening
+from b23d.pipeline.listening import Said, listening
 from b23d.pipeline.marker import MARKER
 from b23d.pipeline.provenance import provenance
 from b23d.pipeline.stage import load_stages_once
@@ -44,39 +44,53 @@ def run_tasks(tasks: Sequence[Task], apart: bool = False) -> Iterator[Outcome]:
             failed.add(key)
             continue
         later = set().union(*wanted[place + 1 :])
-        with listening(apart) as said:
-            outcome = run_task(task, keep=key in later)
+        outcome = run_task(task, keep=key in later, apart=apart)
         if outcome.failure is not None:
             failed.add(key)
         for done in _MADE.keys() - later:
             del _MADE[done]
-        yield replace(outcome, said=said.text) if said.text else outcome
+        yield outcome
         if outcome.failure is not None and outcome.failure.store:
             return  # it would fail for each in turn
 
 
-def run_task(task: Task, keep: bool = False) -> Outcome:
+def run_task(task: Task, keep: bool = False, apart: bool = False) -> Outcome:
     """Make and publish one artifact. Never raises: what goes wrong comes back as the outcome's failure. `keep`: hold it
-    in memory, too."""
+    in memory, too. What libraries say meanwhile is kept with what was made, and in the outcome."""
     started = time.perf_counter()
     store = _store(task.store)
-    clock = _Clock()
+    clock, said = _Clock(), Said()
     try:
         _reset_peak()
-        artifact = _compute(task, store, clock, {})
+        with listening(apart) as said:
+            artifact = _compute(task, store, clock, {})
+        spent = clock.seconds
+        clock.parts["reading"] = time.perf_counter() - started - spent
         if store.local and not Path(store.root, MARKER).exists():  # taken away meanwhile: it is not begun anew
             raise StoreError(f"store: expected {store.url} to stay where it was, got nothing there; bring it back")
-        made = provenance(task, clock.seconds, peak_mb())
+        made = provenance(task, spent, peak_mb(), clock.parts, said.text)
         stored, content = store.write(task.stage, task.address, artifact, made, task.key)
         if keep:
             _MADE[task.stage, task.address] = artifact
-        overhead = time.perf_counter() - started - clock.seconds
+        overhead = time.perf_counter() - started - spent
         odd = tuple(naming(task.shape, line) for line in getattr(artifact, "warnings", ()))
-        measured = clock.seconds, overhead, stored, peak_mb()
-        return Outcome(task.stage, task.address, task.shape, *measured, content=content, key=task.key, warnings=odd)
+        return Outcome(
+            task.stage,
+            task.address,
+            task.shape,
+            spent,
+            overhead,
+            stored,
+            peak_mb(),
+            content,
+            task.key,
+            said.text,
+            warnings=odd,
+        )
     except Exception as error:
-        failure = failure_of(task, error)
-        return Outcome(task.stage, task.address, task.shape, clock.seconds, peak_mb=peak_mb(), failure=failure)
+        failure = replace(failure_of(task, error), said=said.text)
+        named = task.stage, task.address, task.shape
+        return Outcome(*named, clock.seconds, peak_mb=peak_mb(), failure=failure, said=said.text)
 
 
 def failure_of(task: Task, error: BaseException) -> Failure:
@@ -106,9 +120,14 @@ def _damaged(error: BaseException | None) -> tuple[str, str] | None:
 
 
 class _Clock:
-    """Adds up the seconds spent in stage functions."""
+    """Adds up the seconds spent in stage functions: of the task's own stage, and of those that run inline for it."""
 
-    seconds = 0.0
+    def __init__(self) -> None:
+        self.parts: dict[str, float] = defaultdict(float)
+
+    @property
+    def seconds(self) -> float:
+        return sum(self.parts.values())
 
 
 def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact]) -> Artifact:
@@ -136,7 +155,7 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
         error.add_note(f"stage {task.stage}, shape {task.shape}, address {task.address[:12]}")
         raise
     finally:
-        clock.seconds += time.perf_counter() - started
+        clock.parts[task.stage] += time.perf_counter() - started
     if not isinstance(artifact, stage.gives):
         raise TypeError(
             f"stage {task.stage}: expected to give {stage.gives.__name__}, got {type(artifact).__name__}; "

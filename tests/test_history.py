@@ -113,3 +113,17 @@ def test_the_command_line_tells_history(tmp_path: Path) -> None:
     assert repeated.exit_code == 0 and "nothing to do" in repeated.output
     neither = CliRunner().invoke(app, ["run"])
     assert neither.exit_code == 2 and "--again" in neither.output
+
+
+def test_what_a_task_says_is_kept_with_what_it_made_and_with_its_failure(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    (tmp_path / "numbers" / "s3.txt").write_text("-0.5 1 2 3")  # a root of a negative number: numpy warns
+    run = Run.load(path, ["stages.square.power=0.5"])
+    run.execute(workers=0)
+    head = run.store.head("square", run.node("toy/s3", "square").address)
+    assert "RuntimeWarning: invalid value" in head.provenance["said"]
+    assert set(head.provenance["parts"]) == {"square", "reading"}
+    quiet = run.store.head("square", run.node("toy/s1", "square").address)
+    assert quiet.provenance["said"] == ""
+    shown = CliRunner().invoke(app, ["show", str(path), "toy/s3", "square", "--set", "stages.square.power=0.5"])
+    assert "RuntimeWarning" in shown.output

@@ -91,6 +91,8 @@ def _one(record: object, as_json: bool) -> None:
     console.print(table)
     for failure in record.failures[:SHOWN]:
         console.print(f"[red]✗[/] {escape(failure)}", highlight=False, soft_wrap=True)
+    for task, said in record.said.items():
+        console.print(f"before it failed, {task} said:\n{said}", highlight=False, markup=False, soft_wrap=True)
     if len(record.failures) > SHOWN:
         console.print(f"… and {len(record.failures) - SHOWN} more", highlight=False)
 
