@@ -154,7 +154,7 @@ def test_the_reference_gives_ids_and_others_work_is_merged(browser: Any, boxes: 
     entries = json.loads(file.read_text())
     file.write_text(json.dumps([{**entries[0], "note": "by another"}, entries[1]]))
     at.page.keyboard.press("Control+s")
-    at.says("others changed 1 more models")
+    at.says("saved 1 keypoint")
     saved = json.loads(file.read_text())
     assert saved[0]["note"] == "by another" and [k["semantic_id"] for k in saved[2]["keypoints"]] == [1]
     at.page.keyboard.press("Delete")

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import copy
+import fcntl
+import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,14 +26,20 @@ class Edited:
     """A keypoint as the page has it."""
 
     id: int
-    place: int | None
-    """Where it stood in the entry's list when the entry was loaded; None: it is new."""
+    was: int | None
+    """Its id in the entry that the page was given; None: it is new."""
     hit: dict[str, Any] | None
     """`xyz`, and `mesh_info` and `pcd_info` where there are; None: it has not been moved."""
+    name: str | None = None
+    """What people call it; None: as it was, "": nothing."""
 
 
 class ConflictError(ValueError):
     """What saving would destroy; the user decides."""
+
+
+class StaleError(ConflictError):
+    """The annotation is not the one that the page was given: reload it, or put the page's in its place."""
 
 
 def read_entries(path: Path) -> list[Entry]:
@@ -47,31 +56,44 @@ def find(entries: list[Entry], owns: Callable[[Entry], bool]) -> Entry | None:
     return next((entry for entry in entries if owns(entry)), None)
 
 
+def tag(entry: Entry | None) -> str:
+    """A digest of an entry as it is on disk: what the page was given, and must still be there when it saves."""
+    return hashlib.sha256(json.dumps(entry, sort_keys=True).encode()).hexdigest()[:24]
+
+
 def edited_entry(entry: Entry, keypoints: list[Edited]) -> Entry:
     """The entry with these keypoints in this order. Unknown fields of the entry and of its keypoints stay.
 
     Symmetries name places in the list: they follow their keypoints, and lose those that are gone.
-    Raises ValueError where the result is not a valid annotation (an id twice, say).
+    Raises ValueError where a keypoint is meant that the entry does not have, or the result is not a valid annotation
+    (an id twice, say).
     """
     entry = copy.deepcopy(entry)
-    before = entry.get("keypoints") or []
-    after: list[Entry] = []
+    before: list[Entry] = entry.get("keypoints") or []
+    places = {keypoint["semantic_id"]: place for place, keypoint in enumerate(before)}
     for keypoint in keypoints:
-        fields = dict(before[keypoint.place]) if keypoint.place is not None else {}
-        if keypoint.hit is not None:
-            fields = {key: value for key, value in fields.items() if key not in PLACED}
-            fields = {
-                "xyz": keypoint.hit["xyz"],
-                **fields,
-                **{k: keypoint.hit[k] for k in PLACED[1:3] if keypoint.hit.get(k)},
-            }
-        after.append({**fields, "semantic_id": keypoint.id})
-    entry["keypoints"] = after
+        if keypoint.was is not None and keypoint.was not in places and keypoint.hit is None:
+            raise ValueError(f"{entry['model_id']}: expected keypoint {keypoint.was}, got none such; reload the page")
+    entry["keypoints"] = [
+        _edited(before[places[keypoint.was]] if keypoint.was in places else {}, keypoint) for keypoint in keypoints
+    ]
     if isinstance(entry.get("symmetries"), dict):
-        moved = {keypoint.place: place for place, keypoint in enumerate(keypoints) if keypoint.place is not None}
+        moved = {places[keypoint.was]: i for i, keypoint in enumerate(keypoints) if keypoint.was in places}
         entry["symmetries"] = {kind: _follow(groups, moved) for kind, groups in entry["symmetries"].items()}
     load_keypoints({}, {**entry, "shape": entry["model_id"]})
     return entry
+
+
+def _edited(before: Entry, keypoint: Edited) -> Entry:
+    fields = dict(before)
+    if keypoint.hit is not None:
+        fields = {key: value for key, value in fields.items() if key not in PLACED}
+        where = {key: keypoint.hit[key] for key in PLACED[1:3] if keypoint.hit.get(key)}
+        fields = {"xyz": keypoint.hit["xyz"], **fields, **where}
+    if keypoint.name is not None:
+        fields.pop("name", None)
+        fields |= {"name": keypoint.name} if keypoint.name else {}
+    return {**fields, "semantic_id": keypoint.id}
 
 
 def _follow(groups: Any, moved: dict[int, int]) -> Any:
@@ -85,44 +107,52 @@ def _follow(groups: Any, moved: dict[int, int]) -> Any:
 
 
 def save_entry(
-    path: Path, owns: Callable[[Entry], bool], loaded: list[Entry], new: Entry, force: bool
-) -> tuple[list[Entry], str]:
-    """Put `new` in the file's entry that `owns` knows (at the end if none; without keypoints, that entry is removed).
+    path: Path, owns: Callable[[Entry], bool], given: str, edit: Callable[[Entry | None], Entry], force: bool
+) -> Entry | None:
+    """Put `edit(entry on disk)` in the place of the file's entry that `owns` knows: at the end if there is none, and
+    nothing, where it has no keypoints. All other entries stay as they are on disk: whoever saves waits for whoever is
+    saving, in this process or another.
 
-    `loaded` is the file as it was read: what others changed since in other models is kept. Returns the file's entries
-    now, and what to tell the user of others' changes. Raises ConflictError, unless `force`, where this model's own
-    entry changed on disk, or would be removed; ValueError where the file cannot be read.
+    `given`: the tag of the entry that the page was given. Returns the entry now, None where it was removed. Raises,
+    unless `force`, StaleError where the entry on disk is another, ConflictError where it would be removed; ValueError
+    where the file cannot be read.
     """
-    disk = read_entries(path)
-    mine, theirs = find(loaded, owns), find(disk, owns)
-    if mine != theirs and not force:
-        what = "removed" if theirs is None else "added" if mine is None else "changed"
-        model = new["model_id"]
-        raise ConflictError(
-            f"the annotation of {model} was {what} on disk since it was loaded; saving puts this page's in its place"
-        )
-    empty = not new["keypoints"]
-    if empty and theirs is None:
-        raise ValueError(f"{new['model_id']}: expected keypoints, got none; click some first")
-    if empty and not force:
-        raise ConflictError(f"no keypoint is left: saving removes the annotation of {new['model_id']} from {path.name}")
-    if theirs is not None and mine is not None:
-        new = {**theirs, **new}
-    others = sum(entry not in loaded for entry in disk if not owns(entry))
-    gone = sum(entry not in disk for entry in loaded if not owns(entry))
-    entries = [entry if entry is not theirs else new for entry in disk] + ([new] if theirs is None else [])
-    entries = [entry for entry in entries if not (empty and entry is new)]
-    _write(path, entries)
-    merged = (
-        f"others changed {max(others, gone)} more models in it meanwhile: their work is kept" if others or gone else ""
-    )
-    return entries, merged
+    path = path.resolve()  # a link stays a link
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with _alone(path.parent):
+        disk = read_entries(path)
+        theirs = find(disk, owns)
+        if tag(theirs) != given and not force:
+            raise StaleError(
+                f"the annotation in {path.name} is not the one this page was given: somebody saved another"
+            )
+        new = edit(theirs)
+        empty = not new["keypoints"]
+        if empty and theirs is None:
+            raise ValueError(f"{new['model_id']}: expected keypoints, got none; click some first")
+        if empty and not force:
+            raise ConflictError(
+                f"no keypoint is left: saving removes the annotation of {new['model_id']} from {path.name}"
+            )
+        entries = [entry if entry is not theirs else new for entry in disk] + ([new] if theirs is None else [])
+        _write(path, [entry for entry in entries if not (empty and entry is new)])
+    return None if empty else new
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Nobody else is in here for this folder. The folder itself is locked: a library's lock would leave a file in a
+    data set."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _write(path: Path, entries: list[Entry]) -> None:
     """One entry a line, aside and then renamed: a reader sees the old file or the new one."""
-    path = path.resolve()  # a link stays a link
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = "[\n" + ",\n".join(json.dumps(entry) for entry in entries) + "\n]\n" if entries else "[]\n"
     mode = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
     handle, aside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)

@@ -11,7 +11,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from b23d.stages.workbench.annotate.entries import ConflictError
+from pydantic import ValidationError
+
+from b23d.stages.workbench.annotate.entries import ConflictError, StaleError
+from b23d.stages.workbench.annotate.requests import HitRequest, SaveRequest, told
 from b23d.stages.workbench.annotate.session import Session
 
 HERE = Path(__file__).parent
@@ -38,6 +41,9 @@ class AnnotationServer(ThreadingHTTPServer):
         self.session, self.token = session, secrets.token_urlsafe(16)
         super().__init__(("127.0.0.1", port), Handler)
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that is closed amid an answer is not news."""
+
     @property
     def url(self) -> str:
         return f"http://127.0.0.1:{self.server_address[1]}/{self.token}/"
@@ -53,6 +59,8 @@ class Handler(BaseHTTPRequestHandler):
     """GET: the page, its files, `state`, `reference/<name>`. POST (JSON): `hit`, `save`."""
 
     server: AnnotationServer
+    timeout = 30
+    """Seconds: who promises bytes and sends none is not waited for longer."""
 
     def do_GET(self) -> None:
         path = self._path()
@@ -74,37 +82,56 @@ class Handler(BaseHTTPRequestHandler):
         path, session = self._path(), self.server.session
         if path is None:
             return
-        length = int(self.headers.get("Content-Length") or 0)
-        if self.headers.get_content_type() != "application/json" or not 0 < length <= LARGEST:
-            return self._send(400, b"expected JSON", "text/plain")
-        body = json.loads(self.rfile.read(length))
+        body = self._body()
+        if body is None:
+            return
         if path == "hit":
-            self._answer(lambda: session.hit(body["origin"], body["direction"]))
+            self._answer(lambda: session.hit(**HitRequest.model_validate_json(body).model_dump(exclude_unset=True)))
         elif path == "save":
-            self._answer(lambda: session.save(body["keypoints"], bool(body.get("force"))))
+            self._answer(lambda: session.save(**SaveRequest.model_validate_json(body).model_dump(exclude_unset=True)))
         else:
             self._send(404, b"no such page", "text/plain")
 
+    def _body(self) -> bytes | None:
+        """What was sent; None, answered, where it is no JSON of a size that a page sends."""
+        length = self.headers.get("Content-Length") or ""
+        if self.headers.get_content_type() != "application/json" or not (length.isascii() and length.isdigit()):
+            self._refuse(400, "expected JSON of a known length")
+        elif int(length[:12]) > LARGEST:
+            self._refuse(413, f"expected at most {LARGEST} bytes")
+        else:
+            return self.rfile.read(int(length))
+        return None
+
+    def _refuse(self, status: int, words: str) -> None:
+        """Answer without having read what was sent: the connection cannot be used again."""
+        self.close_connection = True
+        self._send(status, json.dumps({"error": words}).encode(), "application/json")
+
     def _path(self) -> str | None:
-        """The path below the secret; None, answered, for a stranger or a page of another name that was pointed here."""
+        """The path below the secret; None, answered, for a stranger, a page of another name that was pointed here, or a
+        page of another origin."""
         token, _, path = self.path.partition("?")[0].removeprefix("/").partition("/")
-        host = (self.headers.get("Host") or "").rpartition(":")[0]
-        if not hmac.compare_digest(token.encode(), self.server.token.encode()) or host not in (
-            "127.0.0.1",
-            "localhost",
-        ):
-            self._send(403, b"use the whole address that b23d annotate printed", "text/plain")
-            return None
-        return path
+        port = self.server.server_address[1]
+        hosts = [f"{host}:{port}" for host in ("127.0.0.1", "localhost")]
+        origin = self.headers.get("Origin")
+        known = hmac.compare_digest(token.encode(), self.server.token.encode())
+        if known and self.headers.get("Host") in hosts and origin in (None, *(f"http://{host}" for host in hosts)):
+            return path
+        self._refuse(403, "use the whole address that b23d annotate printed")
+        return None
 
     def _answer(self, work: Any) -> None:
         """What `work` gives as JSON; what it raises as a message for the page to show."""
         try:
             status, value = 200, work()
         except ConflictError as error:
-            status, value = 409, {"error": str(error)}
-        except (ValueError, KeyError, TypeError, IndexError, OSError) as error:
-            status, value = 400, {"error": str(error.args[0] if isinstance(error, KeyError) and error.args else error)}
+            status, value = 409, {"error": str(error), "stale": isinstance(error, StaleError)}
+        except ValidationError as error:
+            status, value = 400, {"error": f"expected what the page sends, got {told(error.errors())}"}
+        except Exception as error:  # whatever it is, the page hears of it and the server goes on
+            status = 400 if isinstance(error, ValueError | KeyError | TypeError | IndexError | OSError) else 500
+            value = {"error": str(error.args[0] if isinstance(error, KeyError) and error.args else error)}
         self._send(status, json.dumps(value).encode(), "application/json")
 
     def _send(self, status: int, data: bytes, kind: str) -> None:

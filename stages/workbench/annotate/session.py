@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from b23d.stages.workbench.annotate.entries import (
     find,
     read_entries,
     save_entry,
+    tag,
 )
 from b23d.stages.workbench.annotate.geometry import Pickable
 from b23d.stages.workbench.pictures.palette import IDS, id_color
@@ -32,7 +32,7 @@ REFERENCES = 200
 
 
 class Session:
-    """The state behind one page. Safe to call from several threads."""
+    """One shape that pages show. It holds nothing that a save changes: any number of pages and threads may share it."""
 
     def __init__(self, dataset: Dataset, shapes: list[Shape], name: str, keypoints: Path | None = None) -> None:
         """`keypoints`: the file to write to; None: the data set's own. Raises KeyError (no such shape), ValueError (the
@@ -47,13 +47,13 @@ class Session:
         self.peers = [s for s in others if "keypoints" in s.leaves]
         self.class_ids = dataset.class_ids(self.shape.category)
         self.alone = sum(s.id == self.shape.id for s in shapes) == 1
-        self.loaded = read_entries(self.path)
-        self.entry = find(self.loaded, self._owns) or self._first_entry(dataset)
+        self.first = self._first_entry(dataset)
+        read_entries(self.path)  # better told now than when the page asks
         self.pickable = Pickable.load(_read(self.shape.leaves["source"]))
-        self.lock = Lock()
 
     def page(self) -> dict[str, Any]:
         """All the page needs: the shape, its keypoints, the class's ids, which shapes may stand beside."""
+        on_disk = find(read_entries(self.path), self._owns)
         counts: Counter[int] = Counter()
         names = []
         for peer, keypoints in self._annotated():
@@ -64,7 +64,8 @@ class Session:
             "name": self.shape.name,
             "file": str(self.path),
             "shape": self._drawing(self.pickable),
-            "keypoints": self._keypoints(),
+            "given": tag(on_disk),
+            "keypoints": self._keypoints(on_disk or self.first),
             "ids": [{"id": i, "count": n} for i, n in sorted(counts.items())],
             "peers": len(names),
             "references": sorted(name for _, name in names)[:REFERENCES],
@@ -87,17 +88,13 @@ class Session:
         found = self.pickable.hit(origin, direction)
         return None if found is None else asdict(found)
 
-    def save(self, keypoints: list[dict[str, Any]], force: bool) -> dict[str, Any]:
-        """Write the shape's entry. Raises ConflictError where the user must decide first, ValueError where it is not
-        valid."""
-        with self.lock:
-            edited = [Edited(int(k["id"]), k["place"], k["hit"]) for k in keypoints]
-            entry = edited_entry(self.entry, edited)
-            self.loaded, merged = save_entry(self.path, self._owns, self.loaded, entry, force)
-            self.entry = find(self.loaded, self._owns) or entry
-            many = "1 keypoint" if len(keypoints) == 1 else f"{len(keypoints)} keypoints"
-            message = f"saved {many} to {self.path}" + (f"; {merged}" if merged else "")
-            return {"message": message}
+    def save(self, keypoints: list[dict[str, Any]], given: str, force: bool = False) -> dict[str, Any]:
+        """Write the shape's entry. `given`: the tag of what the page was given. Raises StaleError or ConflictError
+        where the user must decide first, ValueError where it is not valid."""
+        edited = [Edited(k["id"], k["was"], k["hit"], k.get("name")) for k in keypoints]
+        entry = save_entry(self.path, self._owns, given, lambda e: edited_entry(e or self.first, edited), force)
+        many = "1 keypoint" if len(keypoints) == 1 else f"{len(keypoints)} keypoints"
+        return {"message": f"saved {many} to {self.path}", "given": tag(entry)}
 
     def _owns(self, entry: Entry) -> bool:
         """As the folder data set reads it: the class id decides where shapes of several classes share an id."""
@@ -122,12 +119,12 @@ class Session:
             }
         return entry
 
-    def _keypoints(self) -> list[dict[str, Any]]:
-        keypoints = self.entry.get("keypoints") or []
+    def _keypoints(self, entry: Entry) -> list[dict[str, Any]]:
+        keypoints = entry.get("keypoints") or []
         unit = self.pickable.unit(np.array([k["xyz"] for k in keypoints], np.float64).reshape(-1, 3)).tolist()
         fields = ("xyz", "mesh_info", "pcd_info")
         return [
-            {"id": k["semantic_id"], "unit": unit[i], "at": {f: k.get(f) for f in fields}}
+            {"id": k["semantic_id"], "unit": unit[i], "at": {f: k.get(f) for f in fields}, "name": k.get("name") or ""}
             for i, k in enumerate(keypoints)
         ]
 

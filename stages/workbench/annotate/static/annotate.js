@@ -6,21 +6,21 @@
   const json = async (path, body) => {
     const options = body && { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
     const answer = await fetch(path, options), value = await answer.json();
-    if (!answer.ok) throw Object.assign(new Error(value.error), { conflict: answer.status === 409 });
+    if (!answer.ok) throw Object.assign(new Error(value.error), { conflict: answer.status === 409, stale: value.stale });
     return value;
   };
   const say = (text, kind = "") => { element("status").textContent = text; element("status").className = kind; };
   const page = await json("state").catch((error) => say(error.message, "bad"));
   if (!page) return;
 
-  // A keypoint: { uid, id, unit, normal, hit }; hit: where it was clicked, null as loaded. saved: uid → { place in the file's list, hit }.
-  let uid = 0, saved = new Map(), reference = null, state = { keypoints: [], next: 0 }, selected = null, written = state.keypoints;
+  // A keypoint: { uid, id, unit, normal, hit }; hit: where it was clicked, null as loaded. saved: uid → { id in the file, hit }.
+  let given = page.given, uid = 0, saved = new Map(), reference = null, state = { keypoints: [], next: 0 }, selected = null, written = state.keypoints;
   const past = [], future = [];
   const color = (id) => page.colors[id % page.colors.length];
   const colored = (list) => list.map((k) => ({ ...k, color: color(k.id) }));
 
   const adopt = (keypoints) => keypoints.map((k) => ({ uid: uid++, id: k.id, unit: k.unit, normal: null, hit: null, at: k.at }));
-  const remember = (list) => { saved = new Map(list.map((k, place) => [k.uid, { place, hit: k.hit }])); written = list; };
+  const remember = (list) => { saved = new Map(list.map((k) => [k.uid, { id: k.id, hit: k.hit }])); written = list; };
 
   const known = () => [...new Set([...page.ids.map((line) => line.id), ...(reference ? reference.keypoints.map((k) => k.id) : [])])].sort((a, b) => a - b);
   function free(keypoints, from = 0) {
@@ -102,15 +102,22 @@
   async function save(force = false) {
     const keypoints = state.keypoints.map((k) => {
       const before = saved.get(k.uid);
-      return { id: k.id, place: before ? before.place : null, hit: before && before.hit === k.hit ? null : k.hit || k.at };
+      return { id: k.id, was: before ? before.id : null, hit: before && before.hit === k.hit && !force ? null : k.hit || k.at };
     });
     const list = state.keypoints;
     try {
-      const answer = await json("save", { keypoints, force });
+      const answer = await json("save", { keypoints, given, force });
+      given = answer.given;
       remember(list);
       say(answer.message, "good");
       draw();
     } catch (error) {
+      if (error.stale) {
+        say(`not saved: ${error.message}. `, "bad");
+        const reload = () => { written = state.keypoints; window.location.reload(); };
+        element("status").append(button("Reload theirs", reload), " ", button("Save mine", () => save(true)));
+        return;
+      }
       if (error.conflict && window.confirm(`${error.message}.\n\nSave anyway?`)) return save(true);
       say(error instanceof TypeError ? "not saved: no answer; is b23d annotate still running?" : `not saved: ${error.message}`, "bad");
     }

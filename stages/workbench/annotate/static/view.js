@@ -7,7 +7,8 @@
   const REACH = 0.58, SIDE = 2 * REACH;     // of the cube that is shown: shapes are centred, their longest side is 1; plotly's unit is that cube's side
   const BALL = 0.014, LIFT = 0.04, STILL = 4;   // unit frame; pixels between press and release of a click
   const AXIS = { visible: false, showspikes: false, range: [-REACH, REACH] };
-  const LIGHT = { lighting: { ambient: 0.6, diffuse: 0.55, specular: 0.05, roughness: 0.9 }, lightposition: { x: 2000, y: 5000, z: 9000 } };
+  const EVERY_NORMAL = { facenormalsepsilon: 1e-16, vertexnormalsepsilon: 1e-16 };   // plotly drops small faces' normals: they were black
+  const LIGHT = { lighting: { ambient: 0.6, diffuse: 0.55, specular: 0.05, roughness: 0.9, ...EVERY_NORMAL }, lightposition: { x: 2000, y: 5000, z: 9000 } };
 
   // Plotly's turntable turns about z, shapes stand on y: (x, y, z) is drawn at (x, -z, y).
   b23d.columns = (places) => ({ x: places.map((p) => p[0]), y: places.map((p) => -p[2]), z: places.map((p) => p[1]) });
