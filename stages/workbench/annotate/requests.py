@@ -44,7 +44,7 @@ class PointInfo(Beside):
     point_index: Id | None = None
 
 
-class Place(Request):
+class PlacedAt(Request):
     xyz: Vector
     mesh_info: MeshInfo | None = None
     pcd_info: PointInfo | None = None
@@ -53,7 +53,7 @@ class Place(Request):
 class EditedKeypoint(Request):
     id: Id
     was: Id | None
-    hit: Place | None
+    hit: PlacedAt | None
     name: Annotated[str, Field(max_length=80)] | None = None
 
 
