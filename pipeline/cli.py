@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from importlib.metadata import entry_points
+from importlib.metadata import version as installed
 from typing import Annotated, Any
 
 import typer
@@ -14,7 +15,9 @@ from b23d.pipeline.errors import B23dError
 from b23d.pipeline.stopping import Stopped, end, stop_on_signals
 from b23d.pipeline.verbs.explain import explain
 from b23d.pipeline.verbs.gc import gc
+from b23d.pipeline.verbs.listing import list_
 from b23d.pipeline.verbs.log import log
+from b23d.pipeline.verbs.params import params
 from b23d.pipeline.verbs.plan import plan
 from b23d.pipeline.verbs.run import run
 from b23d.pipeline.verbs.show import show
@@ -27,17 +30,28 @@ from b23d.pipeline.verbs.verify import verify
 app = typer.Typer(
     name="b23d",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.",
 )
-for verb in (run, plan, show, explain, try_, log, status, verify, gc):
+for verb in (run, plan, list_, show, explain, try_, log, status, verify, gc, params):
     app.command(verb.__name__.rstrip("_"), cls=Verb)(verb)
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"b23d {installed('b23d')}")
+        raise typer.Exit
+
+
 @app.callback()
-def options(debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False) -> None:
+def options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Say which b23d this is.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
     debugging.on = debug
 
 

@@ -6,13 +6,14 @@ import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
 from b23d.pipeline.errors import ClusterError, RunFileError
+from b23d.pipeline.plugins import Plugin
 from b23d.schemas.runfile import Execution
 
 LOOPBACK = "127.0.0.1"  # whoever reaches a worker's or scheduler's socket runs code in it
@@ -63,6 +64,21 @@ class Cluster:
         except BaseException:
             self.close(at_once=True)
             raise
+
+    def load(self, plugins: Sequence[Plugin]) -> None:
+        """Import the user's modules in every worker, those that come later included."""
+        if not plugins:
+            return
+        from distributed import WorkerPlugin
+
+        class Loading(WorkerPlugin):
+            """Travels by value: workers have no other way to know it."""
+
+            def setup(self, worker: Any) -> None:
+                for plugin in plugins:
+                    plugin.load()
+
+        self.client.register_plugin(Loading(), name="b23d-" + "-".join(plugin.module for plugin in plugins))
 
     def missing(self, wanted: Iterable[dict[str, float]]) -> str | None:
         """What is gone without which tasks that want these resources never end, as a sentence; None: nothing."""

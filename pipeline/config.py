@@ -13,6 +13,7 @@ from b23d.pipeline.anchoring import Anchored, anchor, place_store, table_in, tab
 from b23d.pipeline.checking import short, suggest, validate
 from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.plugins import Plugin
 from b23d.pipeline.stage import Stage, default_outputs, load_stages
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params, flat, missing_choice, tables_of
@@ -30,6 +31,8 @@ class Config:
     stages: dict[str, Stage]
     """The stages the run's outputs need, in dataflow order."""
     params: dict[str, Params]
+    plugins: tuple[Plugin, ...] = ()
+    """The user's own modules; loaded here, and in every worker."""
 
 
 class Carried(str):
@@ -47,6 +50,9 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     tables = _read(path)
     for text in overrides:
         _put(tables, *_override(text))
+    plugins = _plugins(tables)
+    for plugin in plugins:
+        plugin.load()
     installed = load_stages()
     tls = table_in(table_in(tables, "execution"), "tls")
     tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
@@ -68,7 +74,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
             raise RunFileError(
                 f"run file {path}: expected store.transient to name stages, got {name!r}; {suggest(name, installed)}"
             )
-    return Config(path, overrides, file, dataset, stages, params)
+    return Config(path, overrides, file, dataset, stages, params, plugins)
 
 
 def refuse_unused(overrides: Iterable[str], configs: Sequence[Config]) -> None:
@@ -133,6 +139,9 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     ]:
         if isinstance(table, dict):
             anchor(table, path.parent)
+    own = table_in(tables, "plugins").get("modules")
+    if isinstance(own, list):
+        own[:] = [str(path.parent / module) if isinstance(module, str) else module for module in own]
     base = tables.pop("base", None)
     if base is None:
         return tables
@@ -145,6 +154,14 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         merged.pop("dataset")  # another kind of data set shares no fields with the base's
     _merge(merged, tables)
     return merged
+
+
+def _plugins(tables: Mapping[str, Any]) -> tuple[Plugin, ...]:
+    """The modules that the run file names; what is no list of names is refused when all is validated."""
+    modules = table_in(tables, "plugins").get("modules")
+    if not isinstance(modules, list):
+        return ()
+    return tuple(Plugin.read(Path(module).resolve()) for module in modules if isinstance(module, str))
 
 
 def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:

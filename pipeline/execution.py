@@ -50,6 +50,8 @@ class Report:
     """Artifacts that another run made meanwhile."""
     record: str = ""
     """Id of the record that this execution has left (see `pipeline/history.py`)."""
+    selection: Selection = EVERYTHING
+    """What was asked for."""
 
     @property
     def ok(self) -> bool:
@@ -68,7 +70,7 @@ class RunLoop:
         on_start: Callable[[Plan, str], None],
     ) -> None:
         self.run, self.selection, self.watch, self.on_start = run, selection, watch, on_start
-        self.report = Report()
+        self.report = Report(selection=selection)
         self._tried: set[tuple[str, str]] = set()
         """What has failed in this execution: not tried again in it."""
         self._healed: dict[tuple[str, str], int] = {}

@@ -24,8 +24,9 @@ LATER = 60.0  # and after ten of them
 class RunProgress:
     """Watches `Run.execute`. Use as a context manager; `start` and `watch` are its callbacks."""
 
-    def __init__(self, console: Console, every: float = EVERY) -> None:
-        self.console = console
+    def __init__(self, console: Console, every: float = EVERY, verbose: bool = False) -> None:
+        """`verbose`: every task gets a line when it is done."""
+        self.console, self.verbose = console, verbose
         self.tally = Tally()
         self._bars = _Bars(console) if console.is_terminal else None
         self._every, self._ended = every, threading.Event()
@@ -57,6 +58,9 @@ class RunProgress:
         self.tally.hear(what)
         if isinstance(what, Outcome) and what.failure is not None:
             self.console.print(f"[red]✗[/] {what.stage}: {escape(what.failure.error)}", highlight=False)
+        elif isinstance(what, Outcome) and self.verbose:
+            line = f"{what.stage} of {what.shape}: {what.seconds:.2f} s, {what.peak_mb:.0f} MB"
+            self.console.print(line, highlight=False, markup=False, soft_wrap=True)
         if self._bars is not None:
             self._bars.show(self.tally, what.stage)
 

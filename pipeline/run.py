@@ -138,10 +138,14 @@ class Run:
             if s == stage and name == shape and draw in (None, d)
         ]
         if not found:
-            names = [s.name for s in self.shapes if shape in s.name]
-            hint = "a shot has no prediction in its own draw, and no score without keypoints"
-            if shape not in names:
-                hint = f"did you mean {names[0]!r}?" if names else f"for example {self.shapes[0].name!r}"
+            having = sorted({name for s, name, d in self._plan.by_shape if s == stage and draw in (None, d)})
+            names = [name for name in having if shape in name]
+            if any(s.name == shape for s in self.shapes):
+                hint = "a shot has no prediction in its own draw, and no score without keypoints"
+            else:
+                hint = (
+                    f"did you mean {names[0]!r}?" if names else f"for example {having[0]!r}" if having else "none has"
+                )
             raise KeyError(f"shape: expected one of run {self.name} that has {stage}, got {shape!r}; {hint}")
         present = [node for node in found if node.state is State.CACHED]
         return (present or found)[0]
@@ -167,7 +171,8 @@ class Run:
         options = options.model_copy(update=update)
         if options.workers == 0 and not options.scheduler:
             return InlineExecutor()
-        return DaskExecutor(options, {name: stage.hints for name, stage in self.config.stages.items()})
+        hints = {name: stage.hints for name, stage in self.config.stages.items()}
+        return DaskExecutor(options, hints, self.config.plugins)
 
     def _save(self, plan: Plan, report: Report) -> None:
         """`manifest.json` in the run's folder: what this run is, what it reaches, what failed. Members of a series

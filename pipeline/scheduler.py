@@ -9,13 +9,14 @@ from __future__ import annotations
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from b23d.pipeline.cluster import Cluster
 from b23d.pipeline.errors import ClusterError, ResourceError
 from b23d.pipeline.index import Failure
+from b23d.pipeline.plugins import Plugin
 from b23d.pipeline.stage import Hints
 from b23d.pipeline.tasks import Outcome, Task
 from b23d.pipeline.worker import run_batch, run_tasks
@@ -65,9 +66,10 @@ class DaskExecutor:
     ResourceError where no worker has what a stage needs.
     """
 
-    def __init__(self, options: Execution, hints: dict[str, Hints]) -> None:
+    def __init__(self, options: Execution, hints: dict[str, Hints], plugins: Sequence[Plugin] = ()) -> None:
         self._hints, self._options = hints, options
         self._cluster = Cluster(options)
+        self._cluster.load(plugins)
         self.address = self._cluster.dashboard
         self._missing_since: float | None = None
         deadline = time.monotonic() + (options.timeout if options.scheduler else 0)

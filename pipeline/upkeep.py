@@ -137,6 +137,14 @@ def garbage(store: Store, keep: set[tuple[str, str]]) -> list[Garbage]:
     return sorted(lost, key=lambda item: -item.stored_bytes)
 
 
+def shape_of(store: Store, item: Garbage) -> str:
+    """The shape that an artifact was made of, as its head says; "?" where that cannot be read."""
+    try:
+        return str(store.head(item.stage, item.address).provenance.get("shape", "?"))
+    except (B23dError, OSError):
+        return "?"
+
+
 def _url(store: Store) -> str:
     return str(store.root) if store.local else store.url
 

@@ -65,6 +65,11 @@ class Execution(Params):
     """Stage → resources it must have, over the stage's own hints."""
 
 
+class Plugins(Params):
+    modules: list[str] = []
+    """Python files that declare stages or data sets, relative to the run file; their source travels to the workers."""
+
+
 class RunFile(Params):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     base: str | None = None
@@ -76,6 +81,7 @@ class RunFile(Params):
     """Stage → its Params; what is absent takes its default."""
     feeds: dict[str, str] = {}
     """Argument → the stage that feeds it instead of its namesake: `backproject = "describe"`, `optimize = "detect"`."""
+    plugins: Plugins = Plugins()
     outputs: list[str]
     """Stages wanted for every shape; what they need comes along. Left out: those that the installed stages propose."""
     sweep: dict[str, list[Any]] = {}

@@ -26,6 +26,8 @@ class Source(Artifact):
     """Which of `files` is the mesh or scene (ply obj off stl glb)."""
     cloud: str | None = None
     """Which of `files` is the point cloud (pcd ply xyz npz)."""
+    own_names: dict[str, str] = {}
+    """What people call some of the `files`: `mesh.obj` → `m45.obj`; for messages."""
 
 
 class NormalizedShape(Artifact):

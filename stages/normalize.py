@@ -69,10 +69,18 @@ def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
 
     if source.mesh is None and source.cloud is None:
         raise ValueError(f"{source.shape}: expected a mesh or a cloud, got neither; add a file or remove the shape")
-    cloud = load(source.shape, source.files, source.cloud, params.colors) if source.cloud is not None else None
+    cloud = (
+        load(source.shape, source.files, source.cloud, params.colors, source.own_names)
+        if source.cloud is not None
+        else None
+    )
     if cloud is not None and not isinstance(cloud, Cloud):
         cloud = Cloud(cloud.vertices, cloud.vertex_colors, problems=cloud.problems)
-    mesh = load(source.shape, source.files, source.mesh, params.colors) if source.mesh is not None else None
+    mesh = (
+        load(source.shape, source.files, source.mesh, params.colors, source.own_names)
+        if source.mesh is not None
+        else None
+    )
     if isinstance(mesh, Cloud):  # a mesh format that holds points only
         mesh, cloud = None, cloud or mesh
     turn = _turn(source.shape, params)

@@ -27,7 +27,7 @@ def gc(
     a running run wants is kept."""
     from b23d.pipeline.roots import stamp
     from b23d.pipeline.store import Store
-    from b23d.pipeline.upkeep import garbage, known_run_files, reached
+    from b23d.pipeline.upkeep import garbage, known_run_files, reached, shape_of
 
     opened = Store(store or DEFAULT_STORE)
     opened.check_is_store()
@@ -45,7 +45,10 @@ def gc(
         if (item.stage, item.address) in keep:
             continue
         console.print(
-            f"{item.stored_bytes / 1e6:10.2f} MB  {item.stage} {item.address[:16]}", highlight=False, markup=False
+            f"{item.stored_bytes / 1e6:10.2f} MB  {item.stage} {item.address[:16]}  {shape_of(opened, item)}",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
         )
         if not dry_run:
             opened.delete(item.stage, item.address)

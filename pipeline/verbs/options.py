@@ -15,6 +15,8 @@ Set = Annotated[
 ]
 StoreUrl = Annotated[str | None, typer.Option("--store", metavar="PATH|URL", help="Another store than the run file's.")]
 Limit = Annotated[int | None, typer.Option("--limit", min=1, help="Only each class's first N shapes as targets.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say only what went wrong.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say what becomes of every task.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable.")]
 DrawOption = Annotated[int | None, typer.Option("--draw", help="Which draw of shots; default: the first that has it.")]
 Shapes = Annotated[

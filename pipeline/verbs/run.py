@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -12,16 +14,23 @@ from rich.markup import escape
 from b23d.pipeline.verbs.options import (
     Classes,
     Force,
+    Json,
     Limit,
     OnlyFailed,
+    Quiet,
     Set,
     Shapes,
     Stages,
     StoreUrl,
     Until,
+    Verbose,
     Workers,
 )
 from b23d.pipeline.verbs.terminal import console, debug
+
+if TYPE_CHECKING:
+    from b23d.pipeline.execution import Report
+    from b23d.pipeline.run import Run
 
 SHOWN = 12  # warnings that are printed
 
@@ -43,11 +52,13 @@ def run(
         str | None,
         typer.Option("--again", metavar="ID", help="A recorded run, as it was.", show_default=False),
     ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
 ) -> None:
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
     from b23d.pipeline.again import run_of
-    from b23d.pipeline.history import attach
-    from b23d.pipeline.progress import RunProgress, spared, stage_table
+    from b23d.pipeline.progress import RunProgress
     from b23d.pipeline.run import Run
     from b23d.pipeline.selection import Selection
 
@@ -55,16 +66,33 @@ def run(
     if (run is None) == (again is None):
         raise typer.BadParameter("expected a run file, or --again with the id of a record: one of the two")
     loaded = Run.load(run, set, store) if run is not None else run_of(str(again), set, store)
-    with RunProgress(console) as progress:
-        report = loaded.execute(workers, scheduler, selection, progress.watch, progress.start)
+    console.quiet = quiet or as_json
+    try:
+        with RunProgress(console, verbose=verbose) as progress:
+            report = loaded.execute(workers, scheduler, selection, progress.watch, progress.start)
+        _tell(loaded, report)
+    finally:
+        console.quiet = False
+    if as_json:
+        print(json.dumps(_as_json(loaded, report), indent=1))
+    elif not report.ok:
+        _tell_failures(report)
+    if not report.ok:
+        raise typer.Exit(1)
+
+
+def _tell(loaded: Run, report: Report) -> None:
+    from b23d.pipeline.history import attach
+    from b23d.pipeline.progress import spared, stage_table
+
     if report.done:
         console.print(stage_table(report))
     if report.spared:
         console.print(spared(report), highlight=False)
     if not report.done and not report.spared:
-        console.print(
-            f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done", highlight=False
-        )
+        done = f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done"
+        reason = _no_targets(loaded, report) if report.ok else ""
+        console.print(reason or done, highlight=False, markup=False, soft_wrap=True)
     for hook in entry_points(group="b23d.after_run"):
         table = hook.load()(loaded, report, console)
         if table is not None:
@@ -73,14 +101,41 @@ def run(
         console.print(f"[yellow]![/] {escape(line)}", highlight=False, soft_wrap=True)
     if len(report.warnings) > SHOWN:
         console.print(f"… and {len(report.warnings) - SHOWN} more warnings", highlight=False)
-    if not report.ok:
+    if report.ok:
+        said = f"{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}"
+        console.print(f"[dim]{escape(said)}[/]", highlight=False)
+
+
+def _no_targets(loaded: Run, report: Report) -> str:
+    """Why nothing of what was selected is predicted: it is the shots; "" where something is."""
+    if not report.selection.narrows:
+        return ""
+    plan, chosen = loaded.plan(report.selection), report.selection.targets(loaded.shapes)
+    shots = {shot.name for draw in plan.draws for shot in draw.shots}
+    seen = {name for stage, name, draw in plan.by_shape if draw is not None}
+    if not chosen or chosen & seen or not chosen <= shots:
+        return ""
+    names = ", ".join(sorted(chosen)[:5])
+    return f"nothing to predict: {names} are shots of every draw; select others, or raise --limit"
+
+
+def _as_json(loaded: Run, report: Report) -> dict[str, Any]:
+    return {
+        "run": loaded.name,
+        "ok": report.ok,
+        "done": Counter(outcome.stage for outcome in report.done),
+        "failures": [{"stage": f.stage, "shape": f.shape, "error": f.error} for f in report.failures],
+        "blocked": report.blocked,
+        "seconds": round(report.seconds, 2),
+        "store": loaded.store.url,
+    }
+
+
+def _tell_failures(report: Report) -> None:
+    if report.failures or report.blocked:
         counts = f"[red]{len(report.failures)} failed, {report.blocked} blocked behind them[/]"
         console.print(f"{counts}; the rest is done. The next run retries only these:", highlight=False)
         for failure in report.failures:
             console.print(f"  [red]✗[/] {failure.stage}: {escape(failure.error)}", highlight=False, soft_wrap=True)
             if debug.on and failure.traceback:
                 console.print(escape(failure.traceback), highlight=False)
-        raise typer.Exit(1)
-    console.print(
-        f"[dim]{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}[/]", highlight=False
-    )

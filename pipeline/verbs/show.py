@@ -7,15 +7,17 @@ from typing import Annotated
 
 import typer
 
+from b23d.pipeline.errors import SelectionError
 from b23d.pipeline.inspection import FrameName, artifact_tables, export_artifact, thumbnail
+from b23d.pipeline.verbs.listing import shapes_table, stages_table
 from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 
 def show(
     run: RunPath,
-    shape: str,
-    stage: str,
+    shape: Annotated[str | None, typer.Argument(metavar="[SHAPE]", help="Without: all are listed.")] = None,
+    stage: Annotated[str | None, typer.Argument(metavar="[STAGE]", help="Without: those of the shape.")] = None,
     set: Set = [],
     store: StoreUrl = None,
     draw: DrawOption = None,
@@ -33,9 +35,15 @@ def show(
     ] = None,
 ) -> None:
     """What an artifact holds: a picture, arrays, ranges, provenance."""
+    from b23d.pipeline.listing import list_shapes
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
+    if shape is None or stage is None:
+        if export is not None:
+            raise SelectionError("--export: expected SHAPE and STAGE, got no stage; b23d list RUN says what there is")
+        console.print(shapes_table(list_shapes(loaded)) if shape is None else stages_table(loaded, shape))
+        return
     if export is not None:
         for path in export_artifact(loaded, shape, stage, draw, export, frame):
             size = path.stat().st_size / 1e6

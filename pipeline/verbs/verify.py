@@ -6,7 +6,7 @@ import typer
 from rich.markup import escape
 
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
-from b23d.pipeline.verbs.terminal import console
+from b23d.pipeline.verbs.terminal import Checking, console
 
 
 def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
@@ -16,8 +16,8 @@ def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
     from b23d.pipeline.upkeep import verify as find_damage
 
     loaded, count, kept = Run.load(run, set, store), 0, 0
-    with console.status("checking") as status:
-        for damage in find_damage(loaded, lambda done, total: status.update(f"checking {done}/{total}")):
+    with Checking(console) as checking:
+        for damage in find_damage(loaded, checking.watch):
             count += 1
             kept += not damage.removed
             console.print(

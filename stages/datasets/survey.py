@@ -148,7 +148,7 @@ def _measure(shape: Shape) -> tuple[np.ndarray, np.ndarray | None]:
     assert isinstance(source, Source)
     name = source.mesh if source.mesh is not None else source.cloud
     assert name is not None
-    loaded = load(shape.name, source.files, name, colors=False)
+    loaded = load(shape.name, source.files, name, False, source.own_names)
     if isinstance(loaded, Surface):
         used = loaded.vertices[np.unique(loaded.faces)]
         return _extent(used), support(loaded.vertices, loaded.faces)

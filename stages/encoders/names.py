@@ -135,9 +135,10 @@ def known_name(encoder: str) -> str:
         return encoder
     known = short_names()
     near = difflib.get_close_matches(encoder, known, n=2, cutoff=0.5)
-    hint = (
-        f"did you mean {' or '.join(near)}?" if near else "a local checkpoint's folder goes into stages.extract.weights"
-    )
+    if near:
+        expected = "a known encoder, or a hub name org/name"
+        raise ValueError(f"encoder {encoder}: expected {expected}, got {encoder!r}; did you mean {' or '.join(near)}?")
     raise ValueError(
-        f"encoder {encoder}: expected one of {', '.join(known)}, or a hub name org/name, got {encoder!r}; {hint}"
+        f"encoder {encoder}: expected one of {', '.join(known)}, or a hub name org/name, got {encoder!r}; "
+        "a local checkpoint's folder goes into stages.extract.weights"
     )

@@ -4,7 +4,7 @@ shape."""
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from b23d.stages.geometry.surface import Cloud, MalformedError, Surface
 
@@ -13,8 +13,10 @@ CLOUD_SUFFIXES = (".pcd", ".xyz", ".npz")
 """PLY is read as either; its content tells."""
 
 
-def load(shape: str, files: dict[str, bytes], name: str, colors: bool = True) -> Surface | Cloud:
-    """Read the file `name` of a shape; `files` holds it and what it refers to.
+def load(
+    shape: str, files: dict[str, bytes], name: str, colors: bool = True, own_names: Mapping[str, str] | None = None
+) -> Surface | Cloud:
+    """Read the file `name` of a shape; `files` holds it and what it refers to. `own_names`: what messages call files.
 
     A mesh format without any face gives a Cloud. Coordinates may still hold NaN; face indices are within the vertices.
     Raises ValueError (empty, unreadable, neither faces nor points, face index out of range) with the shape's name.
@@ -22,24 +24,25 @@ def load(shape: str, files: dict[str, bytes], name: str, colors: bool = True) ->
     data = files.get(name)
     suffix = posixpath.splitext(name)[1].lower()
     reader = _reader(suffix)
+    called = (own_names or {}).get(name, name)
     if data is None:
-        raise ValueError(f"{shape}: expected {name} among its files, got {sorted(files)}; add the file")
+        raise ValueError(f"{shape}: expected {called} among its files, got {sorted(files)}; add the file")
     if reader is None:
         formats = " ".join((*MESH_SUFFIXES, *CLOUD_SUFFIXES))
-        raise ValueError(f"{shape}: expected one of {formats}, got {name}; convert the file")
+        raise ValueError(f"{shape}: expected one of {formats}, got {called}; convert the file")
     if not data.strip():
-        raise ValueError(f"{shape}: expected geometry in {name}, got an empty file; restore it or remove the shape")
+        raise ValueError(f"{shape}: expected geometry in {called}, got an empty file; restore it or remove the shape")
     try:
         loaded = reader(data, files, colors)
     except MalformedError as error:
-        raise ValueError(f"{shape}: {name}: {error}") from error
+        raise ValueError(f"{shape}: {called}: {error}") from error
     except Exception as error:  # on bytes nobody foresaw: whatever it is, the file is at fault
         raise ValueError(
-            f"{shape}: {name}: expected a readable {suffix[1:]} file, got one this reader does not understand "
+            f"{shape}: {called}: expected a readable {suffix[1:]} file, got one this reader does not understand "
             f"({type(error).__name__}: {str(error)[:200]}); open it in another program and export it again"
         ) from error
     if isinstance(loaded, Cloud) and not len(loaded.points):
-        raise ValueError(f"{shape}: expected faces or points in {name}, got neither; restore it or remove the shape")
+        raise ValueError(f"{shape}: expected faces or points in {called}, got neither; restore it or remove the shape")
     return loaded
 
 

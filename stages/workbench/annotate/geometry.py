@@ -56,9 +56,15 @@ class Pickable:
     def load(cls, source: Source) -> Pickable:
         """Raises ValueError, naming the shape, where `normalize` does."""
         alone = NormalizeParams(candidates="fps", count=1)
-        cloud = load(source.shape, source.files, source.cloud, False) if source.cloud is not None else None
+        cloud = (
+            load(source.shape, source.files, source.cloud, False, source.own_names)
+            if source.cloud is not None
+            else None
+        )
         points = None if cloud is None else fill_gaps(cloud.points if isinstance(cloud, Cloud) else cloud.vertices)
-        surface = load(source.shape, source.files, source.mesh, False) if source.mesh is not None else None
+        surface = (
+            load(source.shape, source.files, source.mesh, False, source.own_names) if source.mesh is not None else None
+        )
         if isinstance(surface, Surface):
             drawn = normalize(source.model_copy(update={"cloud": None}), alone)
             result = clean(surface.vertices, surface.faces, source.shape)

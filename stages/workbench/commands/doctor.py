@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.verbs.options import DEFAULT_STORE, StoreUrl
+from b23d.pipeline.verbs.options import DEFAULT_STORE, Json, StoreUrl
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Finding:
     """False: the main job runs without it."""
 
 
-def doctor(store: StoreUrl = None) -> None:
+def doctor(store: StoreUrl = None, as_json: Json = False) -> None:
     """Python, torch, GPU, renderers, weights, store: what works, what is missing, how to mend it."""
     console, failed = Console(), False
     checks: list[Callable[[], Iterator[Finding]]] = [
@@ -40,6 +41,10 @@ def doctor(store: StoreUrl = None) -> None:
         _weights,
         lambda: _store(store or DEFAULT_STORE),
     ]
+    if as_json:
+        found = [finding for check in checks for finding in check()]
+        print(json.dumps([asdict(finding) for finding in found], indent=1))
+        raise typer.Exit(any(finding.needed and not finding.works for finding in found))
     for check in checks:
         for finding in check():
             mark = "[green]✓[/]" if finding.works else "[red]✗[/]" if finding.needed else "[yellow]–[/]"

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.verbs.options import Json, RunPath, Set, StoreUrl
 from b23d.stages.workbench.results.scores import run_scores
-
-if TYPE_CHECKING:
-    pass
 
 
 def scores(
@@ -39,9 +36,10 @@ def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | No
     if "score" not in run.config.stages:
         return None
     try:
-        table = run_scores(run)
+        table = run_scores(run, report.selection)
     except ValueError:
         return None
-    (run.folder / "scores.json").write_text(table.model_dump_json(indent=1))
+    if not report.selection.narrows:
+        (run.folder / "scores.json").write_text(table.model_dump_json(indent=1))
     console.print(render(table))
     return table.model_dump(mode="json")

@@ -130,7 +130,7 @@ def _system(path: Path, member: Member, store: str | None, limit: int | None) ->
         return replace(system, reason=reason_of(error)), []
     try:
         if "score" in run.config.stages:
-            rows = score_rows(run, limit)
+            rows = score_rows(run, Selection(limit=limit))
             return replace(system, seconds=seconds(run, plan), note=_note(run, plan)), rows
         return replace(system, parts=run_parts(run), seconds=seconds(run, plan), note=_note(run, plan)), []
     except ValueError as error:

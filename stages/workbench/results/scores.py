@@ -5,32 +5,30 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
+from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.schemas.scores import PartScore, PartTable, ScoreTable, ShapeScore
 
 if TYPE_CHECKING:
     from b23d.stages.scoring.summary import ScoreRow
 
 
-def run_scores(run: Run) -> ScoreTable:
-    """The score table of what a run has scored so far. Raises ValueError where nothing is scored yet."""
+def run_scores(run: Run, selection: Selection = EVERYTHING) -> ScoreTable:
+    """The score table of what a run has scored so far of the selected targets. Raises ValueError where nothing is
+    scored yet."""
     from b23d.stages.scoring.summary import score_table
 
-    rows = score_rows(run)
+    rows = score_rows(run, selection)
     return score_table(run.name, rows[0][3].protocol, rows)
 
 
-def score_rows(run: Run, limit: int | None = None) -> list[ScoreRow]:
-    """Class, draw, shape and score of what a run has scored so far; `limit`: as `Run.plan`'s. Raises ValueError where
+def score_rows(run: Run, selection: Selection = EVERYTHING) -> list[ScoreRow]:
+    """Class, draw, shape and score of what a run has scored so far of the selected targets. Raises ValueError where
     that is nothing."""
-    wanted = None
-    if limit is not None:
-        planned = run.plan(Selection(limit=limit)).by_shape
-        wanted = {(node, draw) for stage, node, draw in planned if stage == "score"}
+    wanted = selection.targets(run.shapes) if selection.narrows and not selection.only_failed else None
     rows: list[ScoreRow] = [
         (shape.category, draw, shape.id, found)
         for shape, draw, found in run.collect("score")
-        if isinstance(found, ShapeScore) and draw is not None and (wanted is None or (shape.name, draw) in wanted)
+        if isinstance(found, ShapeScore) and draw is not None and (wanted is None or shape.name in wanted)
     ]
     if not rows:
         raise ValueError(

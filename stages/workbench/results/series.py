@@ -42,7 +42,7 @@ def run_series(
             or "nothing"
         )
         failed = f"; [red]{len(report.failures)} failed, {report.blocked} blocked[/]" if not report.ok else ""
-        rows = score_rows(loaded, limit)
+        rows = score_rows(loaded, Selection(limit=limit))
         auc = score_table(loaded.name, None, rows).mean.auc.mean
         console.print(
             f"[dim]{escape(member.label)}: ran {ran} in {report.seconds:.0f} s, AUC {auc:.3f}[/]{failed}",
