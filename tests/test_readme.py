@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from b23d.pipeline.stage import STAGES
 from b23d.stages.datasets.procedural import Procedural
 from tests.small_runs import FAST
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
+FEW = ["stages.normalize.count=256", "stages.render.rings.count=1", "stages.render.resolution=64"]
+FEW_SETS = " ".join(f"--set {text}" for text in FEW)
 B23D = [sys.executable, "-m", "b23d.pipeline.cli"]
 
 
@@ -84,14 +86,9 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         ]
         entries.append({"model_id": name, "keypoints": marks})
     (folder / "my-shapes" / "keypoints.json").write_text(json.dumps(entries[:3]))
-    mine = next(block for block in blocks("toml") if "runs/mine.toml" in block).replace(
-        '"dinov2-small"', '"efficientnet-lite0"'
-    )
-    (folder / "runs" / "mine.toml").write_text(mine)
     for name in (
         "demo",
         "keypointnet",
-        "mine",
         "paper-table",
         "analyses/isometric",
     ):  # made small: few views, few candidates
@@ -124,36 +121,74 @@ def cluster() -> Iterator[str]:
         yield running.scheduler_address
 
 
+def make_small(path: Path) -> None:
+    """Few views and few candidates for a run file that `b23d init` has written."""
+    path.write_text(re.sub(r"^\[stages\.extract\][^\[]*", "", path.read_text(), flags=re.M) + FAST)
+
+
+def annotated_for_a_moment(workplace: Path, command: str) -> str:
+    """`b23d annotate` says where its page is, and goes on until it is stopped."""
+    words = [*B23D, *command.split()[1:], "--no-browser"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(words, cwd=workplace, stdout=subprocess.PIPE, text=True, env=environment) as serving:
+        assert serving.stdout is not None
+        line = serving.stdout.readline()
+        serving.send_signal(signal.SIGINT)
+    return line
+
+
 def test_every_command_runs(workplace: Path, cluster: str) -> None:
-    assert len(COMMANDS) >= 14
+    assert len(COMMANDS) >= 20
     for command in COMMANDS:
+        if command.startswith("b23d annotate"):
+            assert "http://127.0.0.1" in annotated_for_a_moment(workplace, command)
+            continue
         if command == "b23d plan runs/demo.toml":
             assert (
                 run(workplace, "b23d run runs/demo.toml --workers 2", cluster).returncode == 0
             )  # make demo has run before
-        done = run(workplace, command, cluster)
+        small = f" {FEW_SETS}" if command.startswith("b23d match") else ""
+        done = run(workplace, command + small, cluster)
         assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+        if command.startswith("b23d init"):
+            make_small(workplace / "runs" / "my-shapes.toml")
     assert (workplace / "runs" / "demo" / "report.html").stat().st_size > 10_000
-    assert (workplace / "chair.ply").exists()
+    assert (workplace / "chair.ply").exists() and (workplace / "bench.glb").exists()
+    table = (workplace / "keypoints.csv").read_text().splitlines()
+    assert table[0].startswith("class,shape,id,name,x,y,z") and "chairs,bench," in table[1]
 
 
 def test_the_python_example_runs(workplace: Path, cluster: str) -> None:
     code = next(block for block in blocks("python") if "import b23d" in block)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ready = "b23d run runs/mine.toml --workers 2"
-    assert run(workplace, ready, cluster).returncode == 0
-    code = code.replace("run.execute()", "run.execute(workers=0)").replace("run.scores ", "print(len(run.shapes)) ")
+    if not (workplace / "runs" / "my-shapes.toml").exists():
+        assert run(workplace, "b23d init my-shapes", cluster).returncode == 0
+        make_small(workplace / "runs" / "my-shapes.toml")
+    code = re.sub(r"(b23d\.(?:features|match|keypoints)\([^)]*)\)", r"\1, overrides=FEW)", code)
+    code = code.replace("run.scores ", "print(len(run.keypoints)) ")  # no target is annotated here
+    code = f"FEW = {FEW!r}\n{code}"
     done = subprocess.run([sys.executable, "-c", code], cwd=workplace, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr[-2000:]
+    assert (workplace / "painted.glb").exists()
 
 
-def test_the_stage_example_is_a_stage() -> None:
+def test_the_stage_example_is_a_stage(workplace: Path, cluster: str) -> None:
+    """As the README says: a file beside the run file, named in it; in worker processes, too."""
     code = next(block for block in blocks("python") if "@stage" in block)
-    try:
-        exec(compile(code.replace("from __future__", "# "), "README", "exec"), {"__name__": "readme"})
-        assert STAGES["height"].inputs[0].upstream == "normalize"
-    finally:
-        STAGES.pop("height", None)
+    (workplace / "runs" / "my_stage.py").write_text(code)
+    table = next(block for block in blocks("toml") if "[plugins]" in block)
+    head = 'name = "own"\noutputs = ["height", "backproject"]\n'
+    data = '[dataset]\nkind = "procedural"\nclasses = ["mug"]\ncount = 2\n'
+    (workplace / "runs" / "own.toml").write_text(head + table + data)
+    done = run(workplace, "b23d run runs/own.toml --workers 2", cluster)
+    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    shown = run(workplace, "b23d show runs/own.toml mug/mug-0001 backproject --no-picture", cluster)
+    assert "height of mug/mug-0001 (PointFeatures)" in shown.stdout, shown.stdout + shown.stderr
+
+
+def test_pictures_and_the_notebook_are_there() -> None:
+    for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", README) + re.findall(r"`(runs/[\w.-]+\.ipynb)`", README):
+        assert (ROOT / name).exists() and (ROOT / name).stat().st_size < 900_000, name
 
 
 def test_make_targets_exist() -> None:

@@ -96,6 +96,14 @@ class LoadedRun(Run):
         ]
         return pd.DataFrame(rows)
 
+    @property
+    def keypoints(self) -> pd.DataFrame:
+        """One row a predicted keypoint, in the files' own coordinates, of each class's first draw; columns as
+        `b23d keypoints` writes them."""
+        from b23d.stages.workbench.results.keypoints import keypoint_table
+
+        return keypoint_table(self).table
+
     def plot(self, shape: str, draw: int | None = None) -> go.Figure:
         """The shape with its features' PCA colours, predicted and annotated keypoints."""
         from b23d.stages.workbench.pictures.figures import plot_shape

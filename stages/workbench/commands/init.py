@@ -73,16 +73,24 @@ def next_steps(found: Survey, path: Path) -> list[str]:
         lacking = [each.name for each in found.classes if not each.annotated]
         if lacking:
             names = ", ".join(lacking[:SHOWN]) + (" …" if len(lacking) > SHOWN else "")
-            lines.append(f"      without annotations, {names} get features and no keypoints: b23d annotate {path}")
+            lines.append(
+                f"      without annotations, {names} get features and no keypoints: b23d annotate {path} SHAPE"
+            )
         return lines
     if found.dataset.kind == "shapenetpart":
         return [f"next: b23d run {path} --set 'outputs=[\"score_parts\"]'   # transfers part labels"]
-    return [f"next: b23d annotate {path}   # click the keypoints of a few shapes of each class; then b23d run {path}"]
+    return [
+        f"next: b23d annotate {path} {found.first}   # click its keypoints; so for a few shapes of each class",
+        f"      b23d run {path}",
+    ]
 
 
 def _place(folder: Path, name: str) -> Path:
     """`runs/<name>.toml` where there is a runs/, else beside the folder."""
-    return Path("runs", f"{name}.toml") if Path("runs").is_dir() else folder.resolve().with_name(f"{name}.toml")
+    if Path("runs").is_dir():
+        return Path("runs", f"{name}.toml")
+    path = folder.resolve().with_name(f"{name}.toml")
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
 def _table(found: Survey) -> Table:
