@@ -3,7 +3,7 @@ saw."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -13,6 +13,10 @@ from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.params import Params
 
 HALF = float(np.finfo(np.float16).max)
+UNDERFLOW = 14.5
+"""Standard deviations beyond which a Gaussian weight is zero in float32, subnormal numbers included."""
+SPARSE = 0.05
+"""Share of the weights up to which a sparse product is faster than a full one."""
 
 
 class ReweightParams(Params):
@@ -48,7 +52,7 @@ def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: Re
     un-normalised sums exceed half precision.
     """
     seen = backproject.observed
-    distances = geodesic.distances.astype(np.float32)
+    distances = geodesic.distances
     if len(distances) != len(seen):
         raise ValueError(
             f"geodesic distances: expected {len(seen)} candidates, got {len(distances)}; use those of the same shape"
@@ -61,7 +65,8 @@ def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: Re
     features = np.where(seen[:, None], backproject.features, 0).astype(np.float32)  # (n, c)
     smoothed = _smooth(distances, features, masses, params) if params.sigma else features
     if params.fill == "geodesic" and not seen.all():
-        weights = _relative_weights(distances[np.ix_(~seen, seen)], params.sigma) * masses[seen]
+        between = distances[np.ix_(~seen, seen)].astype(np.float32)
+        weights = _relative_weights(between, params.sigma) * masses[seen]
         smoothed[~seen] = weights @ features[seen] / weights.sum(axis=1, keepdims=True)
     largest = float(np.abs(smoothed).max(initial=0))
     if not largest <= HALF:
@@ -81,7 +86,7 @@ def reweight(backproject: PointFeatures, geodesic: GeodesicDistances, params: Re
 def _smooth(distances: np.ndarray, features: np.ndarray, masses: np.ndarray, params: ReweightParams) -> np.ndarray:
     """(n, c) float32: the weighted sum of the seen points' features at every point; zero where all its weights
     underflow."""
-    weights = np.exp((distances / np.float32(params.sigma)) ** 2 / -2)
+    weights = _weights(distances, params.sigma, _reach(masses, params))
     share, sums = masses / params.batches, features * (masses / params.batches)[:, None]
     total, reached = np.zeros_like(features), np.zeros_like(masses)
     for _ in range(params.batches):
@@ -91,6 +96,34 @@ def _smooth(distances: np.ndarray, features: np.ndarray, masses: np.ndarray, par
     own = np.where(masses > 0, masses, masses[masses > 0].mean())
     gain = reached[masses > 0].sum() / masses.sum()
     return total / (gain * own)[:, None]
+
+
+def _reach(masses: np.ndarray, params: ReweightParams) -> float:
+    """Standard deviations beyond which weights may be left out.
+
+    Where every point that keeps its sum has its own weight of 1 in it, all that is left out is less than 2⁻¹⁶ of that,
+    a fraction of float16's rounding. Where points have none ("zeros" keeps the sums of unseen ones, and so does a loop
+    of several batches), only what is zero in float32 is left out.
+    """
+    if params.fill == "zeros" or params.batches > 1:
+        return UNDERFLOW
+    ratio = float(masses.sum() / masses[masses > 0].min())
+    return float(np.sqrt(2 * np.log(ratio * 2**16)))
+
+
+def _weights(distances: np.ndarray, sigma: float, reach: float) -> Any:
+    """(n, n) float32 Gaussian weights of float16 distances: sparse where most are beyond `reach` σ, else full."""
+    from scipy.sparse import csr_array
+
+    limit = np.float16(min(reach * sigma, HALF))
+    # a half float that is not negative orders as the integer of the same bits, and numpy compares integers faster
+    near = distances.view(np.uint16) <= np.nextafter(limit, np.float16(np.inf)).view(np.uint16)
+    counts = near.sum(axis=1)
+    if counts.sum() > SPARSE * near.size:
+        return np.exp((distances.astype(np.float32) / np.float32(sigma)) ** 2 / -2)
+    at = np.flatnonzero(near)
+    weights = np.exp((distances.ravel()[at].astype(np.float32) / np.float32(sigma)) ** 2 / -2)
+    return csr_array((weights, at % len(distances), np.concatenate([[0], np.cumsum(counts)])), shape=distances.shape)
 
 
 def _relative_weights(distances: np.ndarray, sigma: float) -> np.ndarray:

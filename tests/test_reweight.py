@@ -137,3 +137,24 @@ def test_errors_say_what_to_do() -> None:
     with pytest.raises(ValueError, match="lower sigma or batches"):
         at = np.r_[np.zeros(40), 1 + np.arange(400)]
         reweight(seen(np.full((440, 1), 3e4)), distances(np.abs(at[:, None] - at)), ReweightParams(normalised=False))
+
+
+@pytest.mark.parametrize(
+    "params", [{}, {"weight": "views"}, {"normalised": False}, {"fill": "zeros"}, {**RELEASED, "batches": 3}]
+)
+@pytest.mark.parametrize("sigma", [1e-3, 0.02, 0.1])
+def test_leaving_far_weights_out_changes_nothing_but_roundings(
+    params: dict, sigma: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Points on a long line, whose pairs are mostly beyond any weight; a stretch that no view saw."""
+    rng = np.random.default_rng(0)
+    at = np.sort(rng.random(300)) * 8
+    counts = rng.integers(1, 62, 300)
+    counts[100:180] = 0
+    points, geodesic = seen(rng.normal(size=(300, 4)), counts), distances(np.abs(at[:, None] - at))
+    found = []
+    for share in (1.0, -1.0):
+        monkeypatch.setattr("b23d.stages.reweight.SPARSE", share)
+        found.append(run(points, geodesic, sigma=sigma, **params))
+    sparse, full = found
+    np.testing.assert_allclose(sparse, full, rtol=2e-3, atol=1e-3 * np.abs(full).max())
