@@ -68,13 +68,17 @@ def backproject(
 
 
 def _faces(shape: NormalizedShape) -> tuple[np.ndarray, np.ndarray]:
-    """What `face_ids` count, as corners (f, k), and which of them each candidate lies on: for a cloud, its points'
-    discs."""
+    """What `face_ids` count, as corners (f, k), and which of them each candidate lies on: for a cloud, the points it is
+    drawn from, as discs."""
     if shape.kind == "mesh":
         return shape.faces, shape.point_faces
     from scipy.spatial import cKDTree
 
-    return np.arange(len(shape.vertices))[:, None], cKDTree(shape.vertices).query(shape.points)[1]
+    from b23d.stages.renderers.discs import drawn_points
+
+    drawn = drawn_points(shape.vertices)
+    nearest = cKDTree(shape.vertices[drawn]).query(shape.points)[1]
+    return np.arange(len(shape.vertices))[:, None], drawn[nearest]
 
 
 def _sums(seen: np.ndarray, places: np.ndarray, rows: np.ndarray, tokens: np.ndarray, sample: str) -> np.ndarray:

@@ -42,31 +42,46 @@ class GeodesicParams(Params):
     heat: Annotated[Links, When(method="heat")] = Links()
 
 
-@stage(version=1, hints=Hints(memory_gb=0.5))
+EXACT = 8192
+"""Candidates up to which all distances are exact."""
+ROWS = 1024
+"""Of the matrix held in double precision at once."""
+
+
+@stage(version=2, hints=Hints(memory_gb=0.5))
 def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDistances:
     """Geodesic distances between all candidates, in the unit frame, never less than the straight line.
 
-    "graph" takes O(n k) edges and O(n²) memory; exact all-pairs shortest paths (`stages/geodesics/paths.py`).
-    "heat" solves once a candidate, averages both directions, and takes paths along links of that length where they are
-    shorter.
+    "graph" takes O(n k) edges and O(n²) memory; exact all-pairs shortest paths (`stages/geodesics/paths.py`). Of more
+    than 8,192 candidates they go by way of landmarks (`stages/geodesics/landmarks.py`: .2 % too long in the mean, 2 %
+    rarely), and `method` says so. "heat" solves once a candidate, averages both directions, and takes paths along links
+    of that length where they are shorter.
 
-    Raises ValueError where the shape has no candidates, or one that is not finite.
+    Raises ValueError where the shape has no candidates, or one that is not finite; where "heat" is asked for more than
+    8,192.
     """
     points = normalize.points.astype(np.float64)
     if not len(points) or not np.isfinite(points).all():
         raise ValueError(
             f"candidates: expected at least one and all finite, got {points.shape}; run normalize on the shape again"
         )
+    many = len(points) > EXACT
     if params.method == "graph":
         distances, components = _along_graph(normalize, points, params.graph)
         _fill(distances, params.graph)
     elif params.method == "heat":
+        if many:
+            raise ValueError(
+                f'candidates: expected at most {EXACT} for "heat", which solves once for each, got {len(points)}; '
+                'lower stages.normalize.count, or take "graph"'
+            )
         distances, components = _by_heat(normalize, points, params.heat)
         _fill(distances, params.heat)
     else:
-        distances, components = _straight(points), np.zeros(len(points), np.int32)
+        distances, components = _straight_halves(points), np.zeros(len(points), np.int32)
     np.fill_diagonal(distances, 0)
-    return GeodesicDistances(distances=distances.astype(np.float16), components=components, method=params.method)
+    method = f"{params.method} by landmarks" if many and params.method == "graph" else params.method
+    return GeodesicDistances(distances=distances.astype(np.float16, copy=False), components=components, method=method)
 
 
 def _along_graph(shape: NormalizedShape, points: np.ndarray, links: GraphLinks) -> tuple[np.ndarray, np.ndarray]:
@@ -111,13 +126,14 @@ def _by_heat(shape: NormalizedShape, points: np.ndarray, links: Links) -> tuple[
 def _joined_paths(points: np.ndarray, edges: np.ndarray, lengths: np.ndarray, links: Links) -> np.ndarray:
     from b23d.stages.geodesics.bridging import links as bridges
     from b23d.stages.geodesics.graph import edge_graph, label_components
+    from b23d.stages.geodesics.landmarks import landmark_distances
     from b23d.stages.geodesics.paths import all_pairs
 
     graph = edge_graph(len(points), edges, lengths)
     if links.disconnected == "bridge":
         ends, gaps = bridges(points, label_components(graph))
         graph = edge_graph(len(points), np.concatenate([edges, ends]), np.concatenate([lengths, gaps]))
-    return all_pairs(graph, points)
+    return landmark_distances(graph, points) if len(points) > EXACT else all_pairs(graph, points)
 
 
 def _fill(distances: np.ndarray, links: Links) -> None:
@@ -135,3 +151,13 @@ def _straight(points: np.ndarray) -> np.ndarray:
     from scipy.spatial.distance import cdist
 
     return cdist(points, points).astype(np.float32)
+
+
+def _straight_halves(points: np.ndarray) -> np.ndarray:
+    """(n, n) float16, a few rows at a time."""
+    from scipy.spatial.distance import cdist
+
+    distances = np.empty((len(points), len(points)), np.float16)
+    for start in range(0, len(points), ROWS):
+        distances[start : start + ROWS] = cdist(points[start : start + ROWS], points)
+    return distances

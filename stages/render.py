@@ -65,7 +65,7 @@ class RenderParams(Params):
     """Point clouds: neighbours that make a disc's plane and outline."""
 
 
-@stage(version=1)
+@stage(version=2)
 def render(normalize: NormalizedShape, params: RenderParams) -> Views:
     """Pictures, depth and face ids of a shape from all viewpoints, in the order of `ring_angles` or `fibonacci_angles`.
 
@@ -73,7 +73,7 @@ def render(normalize: NormalizedShape, params: RenderParams) -> Views:
     where there is nothing to draw, or where a `distance` in numbers leaves part of the shape outside the frame;
     RuntimeError where the renderer has no device.
     """
-    surface, triangles_per_id = _cloud(normalize, params) if normalize.kind == "cloud" else _mesh(normalize, params)
+    surface, ids = _cloud(normalize, params) if normalize.kind == "cloud" else _mesh(normalize, params)
     angles = _angles(params)
     seen = np.concatenate([surface.vertices[np.unique(surface.faces)], normalize.points])
     distance = _distance(seen, angles, params)
@@ -85,7 +85,7 @@ def render(normalize: NormalizedShape, params: RenderParams) -> Views:
     return Views(
         images=images,
         depth=raster.depth,
-        face_ids=raster.face_ids // triangles_per_id,  # background stays -1
+        face_ids=np.where(raster.face_ids < 0, -1, ids[raster.face_ids]) if ids is not None else raster.face_ids,
         world_to_camera=world_to_camera,
         intrinsics=intrinsics,
         renderer=params.renderer,
@@ -111,8 +111,8 @@ def _distance(points: np.ndarray, angles: np.ndarray, params: RenderParams) -> f
     return params.distance
 
 
-def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, int]:
-    """The surface to draw, and how many of its triangles make one id."""
+def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, None]:
+    """The surface to draw; its triangles are the shape's faces."""
     if len(shape.faces) == 0:
         raise ValueError("mesh: expected faces to render, got none; give its points as a cloud")
     has_texture = params.texture and shape.texture is not None and shape.face_uvs is not None
@@ -124,20 +124,23 @@ def _mesh(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, 
         corner_uvs=shape.face_uvs if has_texture else None,
         texture=shape.texture if has_texture else None,
     )
-    return surface, 1
+    return surface, None
 
 
-def _cloud(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, int]:
-    from b23d.stages.renderers.discs import TRIANGLES_PER_DISC, discs
+def _cloud(shape: NormalizedShape, params: RenderParams) -> tuple[ShadedSurface, np.ndarray]:
+    """The surface to draw, and the cloud's point that each of its triangles belongs to. Very large clouds are drawn
+    from some of their points (`drawn_points`)."""
+    from b23d.stages.renderers.discs import TRIANGLES_PER_DISC, discs, drawn_points
 
-    drawn = discs(shape.vertices, params.disc_neighbours, params.disc_radius)
+    points = drawn_points(shape.vertices)
+    drawn = discs(shape.vertices[points], params.disc_neighbours, params.disc_radius)
     surface = ShadedSurface(
         drawn.vertices,
         drawn.faces,
         corner_normals=drawn.normals[drawn.faces],
-        corner_colors=_colors(shape.vertex_colors, drawn.sources[drawn.faces]) if params.texture else None,
+        corner_colors=_colors(shape.vertex_colors, points[drawn.sources[drawn.faces]]) if params.texture else None,
     )
-    return surface, TRIANGLES_PER_DISC
+    return surface, np.repeat(points, TRIANGLES_PER_DISC).astype(np.int32)
 
 
 def _colors(colors: np.ndarray | None, corners: np.ndarray) -> np.ndarray | None:

@@ -30,6 +30,8 @@ OVERHANG = 1.1
 UNDERHANG = 0.97
 """… and this share of the way where the neighbour is on another face: a disc that meets a face does not pierce it."""
 VOTERS = 8
+MOST = 100_000
+"""Discs of one cloud: at this many they are about a pixel wide in a view of 224²."""
 BLOCK = 4096
 """Points at a time: memory stays bounded for large clouds."""
 
@@ -47,6 +49,13 @@ class Discs:
     discs."""
     sources: np.ndarray
     """(7 n,) int32: the point each vertex takes its colour from."""
+
+
+def drawn_points(points: np.ndarray) -> np.ndarray:
+    """Which points (ascending indices) a cloud (n, 3) is drawn from: all, or a random `MOST`, always the same."""
+    if len(points) <= MOST:
+        return np.arange(len(points))
+    return np.sort(np.random.default_rng(0).choice(len(points), MOST, replace=False))
 
 
 def discs(points: np.ndarray, neighbours: int, radius: float) -> Discs:
