@@ -58,7 +58,7 @@ def test_many_candidates_say_how_their_distances_came(monkeypatch: pytest.Monkey
 
 
 def test_a_large_cloud_is_drawn_from_some_of_its_points(monkeypatch: pytest.MonkeyPatch) -> None:
-    params = RenderParams(rings=1, resolution=64)
+    params = RenderParams(rings={"count": 1}, resolution=64)
     shape = of_cloud(sphere(3000), count=64)
     whole = render(shape, params)
     monkeypatch.setattr("b23d.stages.renderers.discs.MOST", 1500)
