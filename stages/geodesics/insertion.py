@@ -28,36 +28,55 @@ def insert_points(
         vertices (v + m, 3) float64, faces (f + 2 m, 3) int64, and the vertex (n,) int64 of each point. Points with
         equal coordinates share one vertex, so m may be less than n.
     """
+    faces = np.asarray(faces, dtype=np.int64)
+    face, weights, same = _distinct_points(point_faces, barycentrics)
+    positions = np.einsum("mc,mcx->mx", weights, vertices[faces[face]])
+    vertex = len(vertices) + np.arange(len(face))
+
+    waiting = np.arange(len(face))  # points that are not a vertex yet; `face` and `weights` follow them into the parts
+    while len(waiting):
+        split, first = np.unique(face[waiting], return_index=True)
+        chosen = waiting[first]  # (s,): the point that each of these faces is split at
+        waiting = np.setdiff1d(waiting, chosen, assume_unique=True)
+        row = np.searchsorted(split, face[waiting])  # every face that still holds points is split
+        part, weights[waiting] = _within_part(weights[waiting], weights[chosen[row]])
+        faces, children = _split_faces(faces, split, vertex[chosen])
+        face[waiting] = children[row, part]
+    return np.concatenate([vertices, positions]), faces, vertex[same]
+
+
+def _distinct_points(point_faces: np.ndarray, barycentrics: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Faces (m,) and coordinates (m, 3), away from the faces' edges, of the different points; and which of them each
+    point (n,) is."""
     inner = np.clip(np.asarray(barycentrics, dtype=np.float64), INNER, None)
     inner /= inner.sum(axis=1, keepdims=True)
     keys = np.column_stack([point_faces, inner.round(6)])
     _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    place, weights = np.asarray(point_faces, dtype=np.int64)[first], inner[first]  # (m,), (m, 3)
-    faces = np.asarray(faces, dtype=np.int64)
-    positions = np.einsum("mc,mcx->mx", weights, vertices[faces[place]])
-    new = len(vertices) + np.arange(len(first))
+    return np.asarray(point_faces, dtype=np.int64)[first], inner[first], same.ravel()
 
-    pending = np.arange(len(first))
-    while len(pending):
-        split, chosen = np.unique(place[pending], return_index=True)
-        chosen = pending[chosen]
-        pending = np.setdiff1d(pending, chosen, assume_unique=True)
-        parts = np.repeat(faces[split][:, None], 3, axis=1)  # (s, part, 3): part i has corner i replaced by the point
-        parts[:, np.arange(3), np.arange(3)] = new[chosen][:, None]
-        children = np.column_stack([split, len(faces) + np.arange(2 * len(split)).reshape(-1, 2)])  # (s, part)
 
-        row = np.searchsorted(split, place[pending])
-        hit = row < len(split)
-        hit[hit] = split[row[hit]] == place[pending][hit]
-        moved, row = pending[hit], row[hit]
-        ratio = weights[moved] / weights[chosen[row]]
-        part = ratio.argmin(axis=1)
-        share = ratio[np.arange(len(moved)), part]  # coordinate of the splitting point
-        rest = weights[moved] - share[:, None] * weights[chosen[row]]
-        rest[np.arange(len(moved)), part] = share
-        rest = np.clip(rest, INNER * 1e-3, None)
-        weights[moved] = rest / rest.sum(axis=1, keepdims=True)
-        place[moved] = children[row, part]
-        faces = np.concatenate([faces, parts[:, 1:].reshape(-1, 3)])
-        faces[split] = parts[:, 0]
-    return np.concatenate([vertices, positions]), faces, new[same.ravel()]
+def _split_faces(faces: np.ndarray, split: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Faces with `split` (s,) in three parts each, and the parts' indices (s, 3): part i has corner i replaced by the
+    new vertex, `corners` (s,). The first takes the place of the face, the others come last."""
+    parts = np.repeat(faces[split][:, None], 3, axis=1)  # (s, part, corner)
+    parts[:, np.arange(3), np.arange(3)] = corners[:, None]
+    added = len(faces) + np.arange(2 * len(split)).reshape(-1, 2)
+    faces = np.concatenate([faces, parts[:, 1:].reshape(-1, 3)])
+    faces[split] = parts[:, 0]
+    return faces, np.column_stack([split, added])
+
+
+def _within_part(weights: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Part (w,) that points of coordinates `weights` (w, 3) are in, of faces split at coordinates `at` (w, 3), and
+    their coordinates (w, 3) there.
+
+    With x = Σ wᵢ cᵢ and the new vertex p = Σ aᵢ cᵢ, x = s p + Σ (wᵢ - s aᵢ) cᵢ: in the part in which s = min wᵢ / aᵢ
+    nothing is negative, and its own corner's share is zero and p's is s.
+    """
+    points, ratio = np.arange(len(weights)), weights / at
+    part = ratio.argmin(axis=1)
+    share = ratio[points, part]
+    rest = weights - share[:, None] * at
+    rest[points, part] = share
+    rest = np.clip(rest, INNER * 1e-3, None)
+    return part, rest / rest.sum(axis=1, keepdims=True)
