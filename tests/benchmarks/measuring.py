@@ -19,13 +19,14 @@ RED, PLAIN = "\033[31m", "\033[0m"
 
 
 def seconds(work: Callable[[], Result], repeats: int = 3) -> tuple[float, Result]:
-    """Median CPU seconds of this process, all of its threads, after one time that does not count; and the result."""
-    result, times = work(), []
-    for _ in range(repeats):
+    """Median CPU seconds of this process, all of its threads, and the result; of several times, the first not counted:
+    it loads what the others have."""
+    times = []
+    for _ in range(repeats + (repeats > 1)):
         started = time.process_time()
         result = work()
         times.append(time.process_time() - started)
-    return median(times), result
+    return median(times[-repeats:]), result
 
 
 def in_a_process(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
