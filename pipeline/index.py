@@ -60,6 +60,8 @@ class Cost:
 
     seconds: float
     bytes: float
+    peak_mb: float = 0.0
+    """The highest peak of any of its tasks: memory must do for the worst."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +131,8 @@ class Index:
 
     def costs(self) -> dict[str, Cost]:
         """Mean cost of each stage that has ever run in this store."""
-        rows = self._read("select stage, avg(seconds), avg(bytes) from history group by stage")
-        return {stage: Cost(seconds, size) for stage, seconds, size in rows}
+        rows = self._read("select stage, avg(seconds), avg(bytes), max(peak_mb) from history group by stage")
+        return {stage: Cost(seconds, size, peak) for stage, seconds, size, peak in rows}
 
     def history(self, stage: str) -> list[tuple[str, float, int, float]]:
         """(address, seconds, bytes, peak MB) of every recorded task of a stage."""

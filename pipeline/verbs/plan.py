@@ -51,7 +51,7 @@ def plan(
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
     from b23d.pipeline.progress import to_run
-    from b23d.pipeline.projection import project
+    from b23d.pipeline.projection import memory_line, project
     from b23d.pipeline.run import Run
     from b23d.pipeline.selection import Selection
 
@@ -63,14 +63,18 @@ def plan(
         print(json.dumps({"stages": stages, "problems": [problem.error for problem in planned.problems]}, indent=1))
     else:
         table = Table(title=f"plan of {loaded.name}", title_justify="left")
-        for column in ("stage", "RUN", "CACHED", "BLOCKED", "MB", "CPU s"):
+        for column in ("stage", "RUN", "CACHED", "BLOCKED", "MB", "CPU s", "peak MB"):
             table.add_column(column, justify="left" if column == "stage" else "right")
         for planned_stage, row in stages.items():
             name = f"{planned_stage} [dim](transient)[/]" if row["transient"] else planned_stage
             counts = [str(row[key]) if row[key] else "·" for key in ("run", "cached", "blocked")]
-            table.add_row(name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1))
+            table.add_row(
+                name, *counts, _round(row["bytes"], 1e6), _round(row["seconds"], 1), _round(row["peak_mb"], 1)
+            )
         console.print(table)
         console.print(to_run(planned), highlight=False)
+        if memory := memory_line(stages, loaded.config.file.execution):
+            console.print(memory, highlight=False, markup=False, soft_wrap=True)
         console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
         console.print(f"[dim]store: {escape(loaded.store.url)}[/]", highlight=False, soft_wrap=True)
         for problem in planned.problems[:SHOWN]:
