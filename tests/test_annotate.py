@@ -20,10 +20,14 @@ import trimesh
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.dataset import Leaf, Shape
 from b23d.pipeline.run import Run
+from b23d.schemas.runfile import Shots
 from b23d.schemas.shape import Source
+from b23d.stages.datasets.annotations import load_keypoints
 from b23d.stages.workbench.annotate.entries import ConflictError, Edited, StaleError, edited_entry, save_entry, tag
 from b23d.stages.workbench.annotate.geometry import Pickable
+from b23d.stages.workbench.annotate.needed import next_needed
 from b23d.stages.workbench.annotate.server import AnnotationServer
 from b23d.stages.workbench.annotate.session import Session
 from tests.small_runs import make_boxes
@@ -388,3 +392,14 @@ def test_a_stale_tab_moves_nothing(server: AnnotationServer) -> None:
     assert len(again["keypoints"]) == len(all_of_it) - 1 and again["given"] != state["given"]
     whole = [{"id": k["id"], "was": k["id"], "hit": k["at"]} for k in state["keypoints"]]
     assert ask(f"{server.url}save", {"keypoints": whole, "given": state["given"], "force": True})[0] == 200
+
+
+def test_the_next_shape_is_the_one_a_run_needs() -> None:
+    leaf = Leaf(load_keypoints)
+    made = [Shape("a", "box", {"keypoints": leaf}), Shape("b", "box", {}), Shape("c", "box", {}), Shape("d", "cup", {})]
+    assert next_needed(made, Shots(count=2)) == ("box/b", "box: 1 annotated, 1 more of 2 shots wanted")
+    assert next_needed(made, Shots(count=1))[0] == "cup/d", "the class that wants shots goes first"
+    assert next_needed(made, Shots(ids={"box": ["c"]}))[0] == "box/c"
+    assert next_needed(made[:2], Shots(count=1))[0] == "box/b", "further annotations give scores"
+    with pytest.raises(ValueError, match="name one to change"):
+        next_needed(made[:1], Shots())

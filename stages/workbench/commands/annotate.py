@@ -16,7 +16,10 @@ from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 
 def annotate(
     run: RunPath,
-    shape: Annotated[str, typer.Argument(metavar="SHAPE", help="<class>/<id>; annotated already or not.")],
+    shape: Annotated[
+        str | None,
+        typer.Argument(metavar="SHAPE", help="<class>/<id>, annotated already or not. Default: the next one needed."),
+    ] = None,
     set: Set = [],
     store: StoreUrl = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of the page; 0: the system chooses.")] = 0,
@@ -29,11 +32,15 @@ def annotate(
     ] = None,
 ) -> None:
     """Click keypoints on a shape, another annotated shape of its class beside it; saved in KeypointNet's JSON form."""
+    from b23d.stages.workbench.annotate.needed import next_needed
     from b23d.stages.workbench.annotate.server import AnnotationServer
     from b23d.stages.workbench.annotate.session import Session
 
     console = Console()
     loaded = Run.load(run, set, store)
+    if shape is None:
+        shape, told = next_needed(loaded.shapes, loaded.config.file.shots)
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
     session = Session(loaded.config.dataset, loaded.shapes, shape, keypoints)
     with AnnotationServer(session, port) as server:
         console.print(f"annotate {session.shape.name} at {server.url}", highlight=False, markup=False, soft_wrap=True)

@@ -154,7 +154,7 @@
   }
 
   function row(k) {
-    const line = document.createElement("tr"), where = k.unit.map((x) => x.toFixed(2)).join("  ");
+    const line = document.createElement("tr"), where = (k.hit || k.at).xyz.map((x) => Number(x.toPrecision(5))).join("  ");   // as saved
     const id = Object.assign(document.createElement("input"), { type: "number", min: 0, step: 1, value: k.id, title: "change the id; one that is taken is exchanged" });
     const [name, place, actions] = [0, 1, 2].map(() => line.insertCell()), disc = document.createElement("i");
     id.setAttribute("aria-label", `id of keypoint ${k.id}`);
