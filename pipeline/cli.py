@@ -13,6 +13,7 @@ from rich.markup import escape
 
 from b23d.pipeline.errors import B23dError
 from b23d.pipeline.stopping import Stopped, end, stop_on_signals
+from b23d.pipeline.verbs.accept import accept
 from b23d.pipeline.verbs.explain import explain
 from b23d.pipeline.verbs.gc import gc
 from b23d.pipeline.verbs.listing import list_
@@ -35,7 +36,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Few-shot 3D keypoints and back-projected 2D features for whole data sets.",
 )
-for verb in (run, plan, list_, show, explain, try_, log, status, verify, gc, params):
+for verb in (run, plan, list_, show, explain, try_, accept, log, status, verify, gc, params):
     app.command(verb.__name__.rstrip("_"), cls=Verb)(verb)
 
 

@@ -32,9 +32,12 @@ class Contents:
         makers: dict[str, StageAddress],
         fingerprints: dict[str, dict[str, str]],
         transient: frozenset[str],
+        accepted: Mapping[str, Mapping[int, StageAddress]] | None = None,
     ) -> None:
+        """`accepted`: stage → older version that is taken for today's → its maker."""
         self.store, self.index, self.present = store, index, present
         self.makers, self.fingerprints, self.transient = makers, fingerprints, transient
+        self.accepted = accepted or {}
         self._given: dict[str, dict[str, Given]] = {}
         self._at: dict[str, dict[str, str]] = {}
         self._old: dict[str, dict[str, Told]] = {}
@@ -42,21 +45,40 @@ class Contents:
 
     def key(self, node: Node) -> str | None:
         """Digest of what a node is made of; None as long as something above it is still to be made."""
-        if node.key is None:
-            digests: dict[str, str | list[str]] = {}
-            for argument, value in node.inputs.items():
-                if isinstance(value, list):
-                    several = [self._digest(item) for item in value]
-                    if None in several:
-                        return None
-                    digests[argument] = [digest for digest in several if digest is not None]
-                elif value is not None:
-                    one = self._digest(value)
-                    if one is None:
-                        return None
-                    digests[argument] = one
+        if node.key is None and (digests := self._digests(node)) is not None:
             node.key = self._make(node.stage, digests)
         return node.key
+
+    def found(self, node: Node) -> str | None:
+        """Address of a stored artifact that serves a node: made of the same by the same, or by a version that was
+        accepted for it (then the node says so)."""
+        key = self.key(node)
+        if key is None:
+            return None
+        if (at := self.at(node.stage, key)) is not None:
+            return at
+        for version, maker in self.accepted.get(node.stage, {}).items():
+            older = maker({**(self._digests(node) or {}), **self.fingerprints[node.stage]})
+            if (at := self.at(node.stage, older)) is not None:
+                node.accepted = (f"{node.stage} of version {version}", *node.accepted)
+                return at
+        return None
+
+    def _digests(self, node: Node) -> dict[str, str | list[str]] | None:
+        """Argument → what stands for it in a key; None as long as something above is still to be made."""
+        digests: dict[str, str | list[str]] = {}
+        for argument, value in node.inputs.items():
+            if isinstance(value, list):
+                several = [self._digest(item) for item in value]
+                if None in several:
+                    return None
+                digests[argument] = [digest for digest in several if digest is not None]
+            elif value is not None:
+                one = self._digest(value)
+                if one is None:
+                    return None
+                digests[argument] = one
+        return digests
 
     def at(self, stage: str, key: str) -> str | None:
         """Address of a stored artifact that was made of the same by the same; the least of several."""

@@ -207,7 +207,7 @@ class RunLoop:
                 continue
             key = plan.contents.key(node)
             if key is not None and not node.forced:
-                if (at := plan.contents.at(node.stage, key)) is not None:
+                if (at := plan.contents.found(node)) is not None:
                     self._spare(plan, frontier, node, at)
                     continue
                 if key in self._making:

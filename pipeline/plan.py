@@ -39,6 +39,11 @@ class LeafNode:
     error: str | None = None
 
     @property
+    def accepted(self) -> tuple[str, ...]:
+        """Nothing of a leaf is taken on anybody's word."""
+        return ()
+
+    @property
     def recipe(self) -> str:
         """A leaf is what it is: its address says it all."""
         return self.address
@@ -64,6 +69,9 @@ class Node:
     """Digest of what it is made of, once all of that is stored (see `pipeline/address.py`)."""
     behind: bool = False
     """Something above is to run first; if that gives what is known, this need not run."""
+    accepted: tuple[str, ...] = ()
+    """Older versions that were taken for today's, by somebody's word, for this node or above it: `<stage> of version
+    <n>` (see `pipeline/acceptance.py`)."""
     forced: bool = False
     """It is stored, and is to be made again."""
     reason: str = ""

@@ -33,6 +33,7 @@ def provenance(task: Task, seconds: float, peak_mb: float, parts: Mapping[str, f
         "shots": list(task.shots),
         "params": task.params.hashed(),
         "inputs": task.input_addresses(),
+        "accepted": list(task.accepted),
         "inline": {inner.address: _recipe(inner) for inner in task.nested()},
         "seconds": round(seconds, 4),
         "parts": {name: round(took, 4) for name, took in parts.items()},

@@ -25,7 +25,7 @@ from b23d.pipeline.history import begin, finish, stopped
 from b23d.pipeline.index import Index
 from b23d.pipeline.members import SUFFIX
 from b23d.pipeline.plan import Node, Plan, State
-from b23d.pipeline.planning import make_plan
+from b23d.pipeline.planning import Accepting, make_plan
 from b23d.pipeline.runlog import RunLog, both
 from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
 from b23d.pipeline.selection import EVERYTHING, Selection
@@ -68,9 +68,9 @@ class Run:
         """Beside a local store; below the run's folder for one in an object store."""
         return Index(self._index_path(), write=False)
 
-    def plan(self, selection: Selection = EVERYTHING) -> Plan:
-        """What is there and what is missing; nothing is executed."""
-        return make_plan(self.config, self.shapes, self.store, self.index, selection)
+    def plan(self, selection: Selection = EVERYTHING, accepting: Accepting | None = None) -> Plan:
+        """What is there and what is missing; nothing is executed. `accepting`: as if these older versions were."""
+        return make_plan(self.config, self.shapes, self.store, self.index, selection, accepting)
 
     def execute(
         self,

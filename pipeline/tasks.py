@@ -47,6 +47,8 @@ class Task:
     store: str
     key: str | None = None
     """Digest of what it is made of, where that is known before."""
+    accepted: tuple[str, ...] = ()
+    """Older versions above it that were taken for today's."""
     after: frozenset[tuple[str, str]] = frozenset()
     """(stage, address) of checks that must have passed."""
 
@@ -115,8 +117,20 @@ def make_task(node: Node, params: dict[str, Params], store: str) -> Task:
             inputs[argument] = [source(item, keep=True) for item in value]
         elif value is not None:
             inputs[argument] = source(value, keep=False)
-    of, after = (node.shape, node.category, tuple(node.draws), node.shots), {(n.stage, n.address) for n in node.after}
-    return Task(node.stage, node.recipe, *of, params[node.stage], inputs, store, node.key, after=frozenset(after))
+    return Task(
+        node.stage,
+        node.recipe,
+        node.shape,
+        node.category,
+        tuple(node.draws),
+        node.shots,
+        params[node.stage],
+        inputs,
+        store,
+        node.key,
+        after=frozenset((check.stage, check.address) for check in node.after),
+        accepted=node.accepted,
+    )
 
 
 def _recipe(item: Stored | Loaded | Task) -> str:

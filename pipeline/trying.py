@@ -55,6 +55,12 @@ def attempt(run: Run, shape: str, stage: str, draw: int | None = None, call: Cal
     return Trial(node.stage, node.shape, node.address, artifact, seconds, made, True, found)
 
 
+def make(run: Run, node: Node) -> Artifact:
+    """What a node's stage gives, made here; nothing is stored."""
+    arguments = _arguments(run, node, [], {})
+    return run.config.stages[node.stage].function(**arguments, params=run.config.params[node.stage])
+
+
 def _arguments(run: Run, node: Node, made: list[str], known: dict[str, Artifact]) -> dict[str, Any]:
     arguments: dict[str, Any] = {}
     for name, value in node.inputs.items():
