@@ -18,7 +18,8 @@ from b23d.stages.geometry.loading import load
 from b23d.stages.geometry.surface import Surface
 from tests import test_text_formats
 from tests.made_gltf import TABLE, Gltf
-from tests.test_loading import COLORS, FORMATS, POINTS, npz
+from tests.test_bad_files import FORMATS
+from tests.test_loading import COLORS, POINTS, npz
 from tests.test_polygons import WRITERS, U, lifted
 
 SECONDS = 10.0

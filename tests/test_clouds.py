@@ -125,3 +125,10 @@ def test_arrays_of_every_type_and_order(kind: str, order: str) -> None:
 def test_arrays_that_are_no_points_are_refused(arrays: dict[str, np.ndarray], words: str) -> None:
     with pytest.raises(ValueError, match=f"class/shape: c.npz: .*{words}"):
         cloud(npz(**arrays), "c.npz")
+
+
+@pytest.mark.parametrize("kind", [b"F,04", b"C", b"S", b"M8[s]"])
+def test_a_pcd_of_an_unknown_type_is_refused_by_its_name(kind: bytes) -> None:
+    head = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F %s\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n" % kind
+    with pytest.raises(ValueError, match=r"class/shape: c.pcd: header: expected .*TYPE.* got TYPE"):
+        cloud(head + b"0 0 0\n", "c.pcd")

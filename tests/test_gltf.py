@@ -205,6 +205,12 @@ def test_compressed_meshes_or_the_extra_named(monkeypatch: pytest.MonkeyPatch) -
         ({"nodes": [{"children": [9]}]}, "nodes: expected an entry 9"),
         ({"nodes": [{"mesh": 0, "matrix": [float("nan")] * 16}]}, "finite matrix"),
         ({"buffers": [{"byteLength": 9, "uri": "gone.bin"}]}, "buffer 0: expected gone.bin among the shape's files"),
+        ({"meshes": [{}]}, "JSON: expected an object with primitives, got one with nothing"),
+        ({"meshes": [{"primitives": [{"mode": 4}]}]}, "JSON: expected an object with attributes, got one with mode"),
+        ({"bufferViews": [{"byteLength": 1}] * 2}, "JSON: expected an object with buffer, got one with byteLength"),
+        ({"accessors": [{"count": 1, "type": "VEC3"}] * 2}, "expected an object with componentType"),
+        ({"accessors": [{"count": 1, "type": "VEC9", "componentType": 5126}] * 2}, "expected a type of .* got VEC9"),
+        ({"accessors": [{"count": 1, "type": "VEC3", "componentType": 5124}] * 2}, "componentType of .* got 5124"),
         ({"buffers": [{"byteLength": 1 << 40, "uri": "data:,abc"}]}, "buffer 0: expected 1099511627776 bytes, got 3"),
     ],
 )

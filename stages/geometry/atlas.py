@@ -4,6 +4,7 @@ wrapping."""
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
@@ -35,51 +36,83 @@ def bake(
     used = np.unique(face_materials[face_materials >= 0])
     if not any(materials[m].image is not None or materials[m].color is not None for m in used):
         return None
-    uvs = np.full((len(face_materials), 3, 2), np.nan) if face_uvs is None else face_uvs.copy()
+    uvs, spans = _unrolled(face_uvs, len(face_materials))
+    look = _looks(materials, used, face_materials, uvs, spans)
+    if len(look.tiles) == 1 and (look.tile_of == 0).all():
+        return np.clip(uvs / look.repeats[:, None], 0, 1).astype(np.float32), look.tiles[0]
+    return _laid_out(look, uvs)
+
+
+@dataclass
+class _Looks:
+    """What each face shows: a place in a tile, or a plain colour."""
+
+    tiles: list[np.ndarray]
+    """(h, w, 3) uint8 each."""
+    tile_of: np.ndarray
+    """(f,) int64, -1 for a plain colour."""
+    repeats: np.ndarray
+    """(f, 2), of its image in its tile, across and up."""
+    colors: np.ndarray
+    """(f, 3) uint8, what it shows without a tile."""
+
+
+def _unrolled(face_uvs: np.ndarray | None, faces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (f, 3, 2) less the whole repeats, which change nothing, and how many repeats each face needs (f, 2);
+    NaN where a face has none."""
+    uvs = np.full((faces, 3, 2), np.nan) if face_uvs is None else face_uvs.copy()
     with np.errstate(invalid="ignore"):
-        uvs -= np.floor(np.minimum(np.minimum(uvs[:, 0], uvs[:, 1]), uvs[:, 2]) + SLACK)[
-            :, None
-        ]  # whole repeats change nothing
+        lowest = np.minimum(np.minimum(uvs[:, 0], uvs[:, 1]), uvs[:, 2])
+        uvs -= np.floor(lowest + SLACK)[:, None]
         highest = np.maximum(np.maximum(uvs[:, 0], uvs[:, 1]), uvs[:, 2])
-        spans = np.maximum(np.ceil(highest - SLACK), 1)  # (f, 2) repeats that a face needs
+        return uvs, np.maximum(np.ceil(highest - SLACK), 1)
 
-    tiles: list[np.ndarray] = []
-    tile_of = np.full(len(face_materials), -1)
-    repeats = np.ones((len(face_materials), 2))
-    pictured = [m for m in used if materials[m].image is not None]
-    side = min(TILE, int(SIDE / math.sqrt(max(len(pictured), 1))))
-    colors = np.tile(np.array(GREY, np.uint8), (len(face_materials), 1))
+
+def _looks(
+    materials: list[Material], used: np.ndarray, face_materials: np.ndarray, uvs: np.ndarray, spans: np.ndarray
+) -> _Looks:
+    """A tile for each material with an image, as often repeated as its faces need; the rest in plain colours."""
+    count = len(face_materials)
+    look = _Looks([], np.full(count, -1), np.ones((count, 2)), np.tile(np.array(GREY, np.uint8), (count, 1)))
+    pictured = sum(materials[m].image is not None for m in used)
+    side = min(TILE, int(SIDE / math.sqrt(max(pictured, 1))))
     for m in used:
-        image, faces = materials[m].image, np.flatnonzero(face_materials == m)
-        colors[faces] = materials[m].color or (GREY if image is None else mean_color(image))
+        image = materials[m].image
+        faces = np.flatnonzero(face_materials == m)
         if image is None:
+            look.colors[faces] = materials[m].color or GREY
             continue
+        look.colors[faces] = materials[m].color or mean_color(image)
         has_uv = np.isfinite(uvs[faces]).all(axis=(1, 2))
-        fits = has_uv & (np.nan_to_num(spans[faces], nan=np.inf) <= REPEATS).all(axis=1)
-        colors[faces[has_uv & ~fits]] = mean_color(image)
-        if fits.any():
-            span = spans[faces[fits]].max(axis=0).astype(int)
-            tile_of[faces[fits]], repeats[faces[fits]] = len(tiles), span
-            tiles.append(_tile(image, span[0], span[1], side))
+        few = (np.nan_to_num(spans[faces], nan=np.inf) <= REPEATS).all(axis=1)
+        look.colors[faces[has_uv & ~few]] = mean_color(image)
+        shown = faces[has_uv & few]
+        if len(shown):
+            across, up = spans[shown].max(axis=0).astype(int)
+            look.tile_of[shown] = len(look.tiles)
+            look.repeats[shown] = across, up
+            look.tiles.append(_tile(image, across, up, side))
+    return look
 
-    if len(tiles) == 1 and (tile_of == 0).all():
-        return np.clip(uvs / repeats[:, None], 0, 1).astype(np.float32), tiles[0]
-    solid = np.flatnonzero(tile_of < 0)
-    palette, which = unique_colors(colors[solid])
-    texture, corners = _pack([_with_margin(tile) for tile in tiles], palette)
+
+def _laid_out(look: _Looks, uvs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All tiles and plain colours in one texture, and each corner's place in it: (f, 3, 2) float32, (h, w, 3) uint8."""
+    plain = np.flatnonzero(look.tile_of < 0)
+    palette, color_of = unique_colors(look.colors[plain])
+    texture, corners = _pack([_with_margin(tile) for tile in look.tiles], palette)
+    placed = np.empty_like(uvs)  # pixels from the upper left
+    for t, tile in enumerate(look.tiles):
+        faces = np.flatnonzero(look.tile_of == t)
+        within = np.clip(uvs[faces] / look.repeats[faces, None], 0, 1)
+        column, row = corners[t]
+        placed[faces, :, 0] = column + MARGIN + within[..., 0] * tile.shape[1]
+        placed[faces, :, 1] = row + MARGIN + (1 - within[..., 1]) * tile.shape[0]
+    if len(plain):
+        swatches = _swatch(np.arange(len(palette)), len(palette)) + _swatch_size(len(palette)) / 2
+        placed[plain] = (corners[-1] + swatches)[color_of, None]
     height, width = texture.shape[:2]
-    out = np.empty_like(uvs)
-    for t, tile in enumerate(tiles):
-        faces = np.flatnonzero(tile_of == t)
-        within = np.clip(uvs[faces] / repeats[faces, None], 0, 1)
-        column, row = corners[t][0] + MARGIN, corners[t][1] + MARGIN
-        out[faces, :, 0] = (column + within[..., 0] * tile.shape[1]) / width
-        out[faces, :, 1] = 1 - (row + (1 - within[..., 1]) * tile.shape[0]) / height
-    if len(solid):
-        column, row = corners[len(tiles)]
-        place = _swatch(np.arange(len(palette)), len(palette)) + _swatch_size(len(palette)) / 2
-        out[solid] = np.stack([(column + place[:, 0]) / width, 1 - (row + place[:, 1]) / height], axis=1)[which, None]
-    return out.astype(np.float32), texture
+    across, up = placed[..., 0] / width, 1 - placed[..., 1] / height
+    return np.stack([across, up], axis=2).astype(np.float32), texture
 
 
 def mean_color(image: np.ndarray) -> tuple[int, int, int]:
@@ -117,20 +150,30 @@ def _pack(tiles: list[np.ndarray], palette: np.ndarray) -> tuple[np.ndarray, lis
     row)."""
     pieces = list(tiles)
     if len(palette):
-        across, size = math.ceil(math.sqrt(len(palette))), _swatch_size(len(palette))
-        square = np.zeros((across * across, 3), np.uint8)
-        square[: len(palette)] = palette
-        pieces.append(np.kron(square.reshape(across, across, 3), np.ones((size, size, 1), np.uint8)))
+        pieces.append(_palette_square(palette))
     limit = max(SIDE, max(piece.shape[1] for piece in pieces))
+    tallest_first = sorted(range(len(pieces)), key=lambda i: -pieces[i].shape[0])
     corners = [(0, 0)] * len(pieces)
     column = row = tallest = width = 0
-    for i in sorted(range(len(pieces)), key=lambda i: -pieces[i].shape[0]):
+    for i in tallest_first:
         height, across = pieces[i].shape[:2]
         if column + across > limit:
-            column, row, tallest = 0, row + tallest, 0
+            row += tallest
+            column = tallest = 0
         corners[i] = (column, row)
-        column, tallest, width = column + across, max(tallest, height), max(width, column + across)
+        column += across
+        tallest = max(tallest, height)
+        width = max(width, column)
     texture = np.full((row + tallest, width, 3), 255, np.uint8)
     for (column, row), piece in zip(corners, pieces, strict=True):
         texture[row : row + piece.shape[0], column : column + piece.shape[1]] = piece
     return texture, corners
+
+
+def _palette_square(palette: np.ndarray) -> np.ndarray:
+    """The plain colours (n, 3) as swatches in a square image (h, h, 3)."""
+    across = math.ceil(math.sqrt(len(palette)))
+    size = _swatch_size(len(palette))
+    square = np.zeros((across * across, 3), np.uint8)
+    square[: len(palette)] = palette
+    return np.kron(square.reshape(across, across, 3), np.ones((size, size, 1), np.uint8))

@@ -55,33 +55,17 @@ def clean(vertices: np.ndarray, faces: np.ndarray, shape: str) -> Clean:
     `vertices` (v, 3) float64, source frame; `faces` (f, 3) int64 within them. Raises ValueError with the shape's name
     where no face remains or the box has no finite extent.
     """
+    a, b, c = faces.T
     finite = finite_rows(vertices)
-    usable = finite[faces[:, 0]] & finite[faces[:, 1]] & finite[faces[:, 2]]
-    distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    usable = finite[a] & finite[b] & finite[c]
+    distinct = (a != b) & (b != c) & (c != a)
     candidates = np.flatnonzero(usable & distinct)
-    advice = "restore the mesh or remove the shape"
     if not len(candidates):
-        raise ValueError(
-            f"{shape}: expected faces with an area, got {len(faces)} that are all degenerate or non-finite; {advice}"
-        )
+        raise _no_area(shape, len(faces), "degenerate or non-finite")
 
-    frame = check_frame(Frame.around(vertices[_used(faces[candidates], len(vertices))]), shape)
-    solid = candidates[heights(frame.unit(vertices), faces[candidates]) > THIN]
-    if len(solid):
-        # A face of no height may have reached far out: measure heights again in the frame of what has some.
-        inner = check_frame(Frame.around(vertices[_used(faces[solid], len(vertices))]), shape)
-        if inner.scale < frame.scale:
-            solid = candidates[heights(inner.unit(vertices), faces[candidates]) > THIN]
-        frame = check_frame(Frame.around(vertices[_used(faces[solid], len(vertices))]), shape)
-    else:
-        raise ValueError(f"{shape}: expected faces with an area, got {len(faces)} that are all degenerate; {advice}")
-
-    placed = np.zeros((len(vertices), 3), np.float32)
-    with np.errstate(over="ignore"):
-        placed[finite] = frame.unit(vertices[finite])
-    placed[~finite_rows(placed)] = 0  # unreferenced and too far out for float32
-    first = _first_of_its_kind(placed, faces[solid])
-    kept = solid[first]
+    frame, solid = _solid(vertices, faces, candidates, shape)
+    placed = _placed(vertices, finite, frame)
+    kept = solid[_first_of_its_kind(placed, faces[solid])]
     referenced = _used(faces[kept], len(vertices))
     repairs = {
         "unreferenced_vertices": int((finite & ~referenced).sum()),
@@ -91,6 +75,43 @@ def clean(vertices: np.ndarray, faces: np.ndarray, shape: str) -> Clean:
         "non_finite_faces": int((~usable).sum()),
     }
     return Clean(placed, faces[kept].astype(np.int32), kept, frame, repairs)
+
+
+def _solid(vertices: np.ndarray, faces: np.ndarray, candidates: np.ndarray, shape: str) -> tuple[Frame, np.ndarray]:
+    """Which candidates (positions, ascending) have a height, and the frame of their corners. Raises ValueError where
+    none has."""
+
+    def around(some: np.ndarray) -> Frame:
+        return check_frame(Frame.around(vertices[_used(faces[some], len(vertices))]), shape)
+
+    def tall(frame: Frame) -> np.ndarray:
+        return candidates[heights(frame.unit(vertices), faces[candidates]) > THIN]
+
+    frame = around(candidates)
+    solid = tall(frame)
+    if not len(solid):
+        raise _no_area(shape, len(faces), "degenerate")
+    # A face of no height may have reached far out: measure heights again in the frame of what has some.
+    inner = around(solid)
+    if inner.scale < frame.scale:
+        solid = tall(inner)
+    return around(solid), solid
+
+
+def _no_area(shape: str, faces: int, how: str) -> ValueError:
+    return ValueError(
+        f"{shape}: expected faces with an area, got {faces} that are all {how}; restore the mesh or remove the shape"
+    )
+
+
+def _placed(vertices: np.ndarray, finite: np.ndarray, frame: Frame) -> np.ndarray:
+    """Vertices (v, 3) float32, unit frame; at the centre what is not finite, or (used by no face) too far for
+    float32."""
+    placed = np.zeros((len(vertices), 3), np.float32)
+    with np.errstate(over="ignore"):
+        placed[finite] = frame.unit(vertices[finite])
+    placed[~finite_rows(placed)] = 0
+    return placed
 
 
 def check_frame(frame: Frame, shape: str) -> Frame:
@@ -115,9 +136,10 @@ def fill_gaps(points: np.ndarray) -> np.ndarray:
     if len(finite) == len(points):
         return points
     every = np.arange(len(points))
-    after = np.minimum(np.searchsorted(finite, every), len(finite) - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.where(np.abs(finite[before] - every) <= np.abs(finite[after] - every), finite[before], finite[after])
+    next_one = np.minimum(np.searchsorted(finite, every), len(finite) - 1)
+    after = finite[next_one]
+    before = finite[np.maximum(next_one - 1, 0)]
+    nearest = np.where(np.abs(before - every) <= np.abs(after - every), before, after)
     return points[nearest]
 
 
@@ -138,7 +160,8 @@ def heights(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """The shortest height of each face, (f,): twice its area by its longest side. vertices (v, 3) float64."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     sides = (a - b, b - c, c - a)
-    longest = np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in sides]))
+    squared = [np.einsum("fx,fx->f", side, side) for side in sides]
+    longest = np.sqrt(np.maximum.reduce(squared))
     return 2 * areas(vertices, faces) / np.maximum(longest, np.finfo(np.float64).tiny)
 
 

@@ -36,6 +36,15 @@ MOST = 1 << 24
 """Numbers that the accessors of a small file may hold in all; of a large one, as many as it has bytes, and these."""
 
 
+class Entry(dict[str, Any]):
+    """A JSON object of a glTF. Raises MalformedError for a property that is read without a default, and is not
+    there."""
+
+    def __missing__(self, name: str) -> Any:
+        there = ", ".join(map(str, self))[:200] or "nothing"
+        raise MalformedError(f"JSON: expected an object with {name[:80]}, got one with {there}; export the shape again")
+
+
 @dataclass
 class Document:
     """A glTF's JSON with what it refers to."""
@@ -62,7 +71,7 @@ class Document:
             if data[behind + 4 : behind + 8] == b"BIN\0":
                 chunk = data[behind + 8 : behind + 8 + int.from_bytes(data[behind : behind + 4], "little")]
         try:
-            tree = json.loads(unmarked(gltf_json(data)))
+            tree = json.loads(unmarked(gltf_json(data)), object_hook=Entry)
         except (ValueError, RecursionError) as error:
             raise MalformedError(
                 f"JSON: expected glTF's, got {type(error).__name__}: {error}; export it again"
@@ -149,7 +158,7 @@ class Document:
     def raw(self, index: int) -> np.ndarray:
         """An accessor's numbers (count, width) in the type they are stored in, sparse ones in place."""
         entry = self.entry("accessors", index)
-        count, width, kind = entry["count"], WIDTHS[entry["type"]], np.dtype("<" + KINDS[entry["componentType"]])
+        count, width, kind = entry["count"], _width(entry["type"]), _kind(entry["componentType"])
         self.spend(count * width)
         if "bufferView" in entry:
             values = self._strided(
@@ -161,7 +170,7 @@ class Document:
             sparse = entry["sparse"]
             few, where, what = sparse["count"], sparse["indices"], sparse["values"]
             name = f"sparse accessor {index}"
-            of_index = np.dtype("<" + KINDS[where["componentType"]])
+            of_index = _kind(where["componentType"])
             places = self._strided(where["bufferView"], where.get("byteOffset", 0), of_index, few, 1, name)[:, 0]
             if few and places.max() >= count:
                 raise MalformedError(f"{name}: expected places below {count}, got {places.max()}; export it again")
@@ -173,7 +182,8 @@ class Document:
         """An accessor's numbers (count, width) float64, normalized ones within [-1, 1]."""
         values = self.raw(index)
         if not self.entry("accessors", index).get("normalized", False) or values.dtype.kind == "f":
-            return values.astype(np.float64)
+            with np.errstate(invalid="ignore"):  # signalling NaN
+                return values.astype(np.float64)
         return np.maximum(values / float(np.iinfo(values.dtype).max), -1.0)
 
     def _strided(self, view: int, offset: int, kind: np.dtype, count: int, width: int, name: str) -> np.ndarray:
@@ -183,3 +193,22 @@ class Document:
         if count < 0 or offset < 0 or stride < 1 or last > len(data):
             raise MalformedError(f"{name}: expected {last} bytes, got a view of {len(data)}; export the shape again")
         return np.ndarray((count, width), kind, data, offset if count else 0, (stride, kind.itemsize))
+
+
+def _kind(code: Any) -> np.dtype:
+    """The numpy type of a componentType. Raises MalformedError."""
+    if not isinstance(code, int) or code not in KINDS:
+        raise MalformedError(
+            f"accessor: expected a componentType of {', '.join(map(str, KINDS))}, got {str(code)[:40]}; "
+            "export the shape again"
+        )
+    return np.dtype("<" + KINDS[code])
+
+
+def _width(kind: Any) -> int:
+    """Numbers in each element of an accessor's type. Raises MalformedError."""
+    if not isinstance(kind, str) or kind not in WIDTHS:
+        raise MalformedError(
+            f"accessor: expected a type of {', '.join(WIDTHS)}, got {str(kind)[:40]}; export the shape again"
+        )
+    return WIDTHS[kind]

@@ -61,7 +61,7 @@ def _header(data: bytes) -> PcdHeader:
     try:
         counts = [int(n) for n in header.get("COUNT", ["1"] * len(fields))]
         sizes = [int(n) for n in header["SIZE"]]
-        types = [np.dtype(f"<{kind.lower()}{size}") for kind, size in zip(header["TYPE"], sizes, strict=True)]
+        types = [_type(kind, size) for kind, size in zip(header["TYPE"], sizes, strict=True)]
         sides = [int(header[side][0]) for side in ("WIDTH", "HEIGHT") if side in header]
         rows = int(header["POINTS"][0]) if "POINTS" in header else int(np.prod(sides)) if len(sides) == 2 else -1
     except (ValueError, IndexError, KeyError, TypeError) as error:
@@ -75,7 +75,7 @@ def _header(data: bytes) -> PcdHeader:
         )
     used = dict(zip(fields, counts, strict=True))
     placed = all(used.get(axis, 0) > 0 for axis in "xyz")
-    if not placed or min(counts) < 0 or rows < 0 or any(kind.kind not in "fui" for kind in types):
+    if not placed or min(counts) < 0 or rows < 0:
         raise MalformedError(
             f"header: expected FIELDS with x y z and whole counts, got {' '.join(fields)}, {rows} points; "
             "convert it again"
@@ -85,6 +85,13 @@ def _header(data: bytes) -> PcdHeader:
             f"header: expected WIDTH × HEIGHT = POINTS, got {sides[0]} × {sides[1]} and {rows}; convert it again"
         )
     return PcdHeader(fields, types, counts, rows, start[1].decode().lower(), start.end(), len(lines) + 1)
+
+
+def _type(kind: str, size: int) -> np.dtype:
+    """Raises ValueError or TypeError: no F, U or I, or a size that it does not come in."""
+    if kind.upper() not in ("F", "U", "I"):  # numpy would take some others, and parse the rest as Python
+        raise ValueError(f"TYPE {kind[:20]}")
+    return np.dtype(f"<{kind.lower()}{size}")
 
 
 def _ascii(header: PcdHeader, body: bytes) -> list[np.ndarray]:
