@@ -36,7 +36,7 @@ MOST = 1 << 24
 """Numbers that the accessors of a small file may hold in all; of a large one, as many as it has bytes, and these."""
 
 
-class Entry(dict[str, Any]):
+class JsonObject(dict[str, Any]):
     """A JSON object of a glTF. Raises MalformedError for a property that is read without a default, and is not
     there."""
 
@@ -71,7 +71,7 @@ class Document:
             if data[behind + 4 : behind + 8] == b"BIN\0":
                 chunk = data[behind + 8 : behind + 8 + int.from_bytes(data[behind : behind + 4], "little")]
         try:
-            tree = json.loads(unmarked(gltf_json(data)), object_hook=Entry)
+            tree = json.loads(unmarked(gltf_json(data)), object_hook=JsonObject)
         except (ValueError, RecursionError) as error:
             raise MalformedError(
                 f"JSON: expected glTF's, got {type(error).__name__}: {error}; export it again"
