@@ -33,10 +33,10 @@ def missing(tests: str) -> list[str]:
     the rest of a name, `python -m tests.module`."""
     lost, file = [], ""
     for name in re.findall(r"`([^`]+)`", tests):
-        module = re.match(r"python -m tests\.(\w+)", name)
+        module = re.match(r"python -m tests\.([\w.]+)", name)
         file, _, test = name.partition("::") if ".py" in name else (file, "", name)
         if module:
-            there = (TESTS / f"{module[1]}.py").is_file()
+            there = (TESTS / f"{module[1].replace('.', '/')}.py").is_file()
         elif not (TESTS / file).is_file():
             there = False
         else:

@@ -175,3 +175,19 @@ def test_the_extras_exist() -> None:
 def test_an_unknown_protocol_is_said() -> None:
     with pytest.raises(NotAStoreError, match="known protocol"):
         Store("zzz://somewhere")
+
+
+def test_a_table_over_fewer_targets_says_so(tmp_path: Path, flaky: set[float]) -> None:
+    from b23d.stages.workbench.results.scores import coverage
+
+    path = make_toy(tmp_path)
+    run = Run.load(path)
+    shots = {shot.id for draw in run.plan().draws for shot in draw.shots}
+    target = next(shape.id for shape in run.shapes if shape.id not in shots)
+    flaky.add(float(target[1:]))
+    run.execute(workers=0)
+    wanted = len({shape for stage, shape, _ in run.plan().by_shape if stage == "add"})
+    assert coverage(Run.load(path), "add") == f"{wanted - 1} of {wanted} targets"
+    flaky.clear()
+    Run.load(path).execute(workers=0)
+    assert coverage(Run.load(path), "add") == ""

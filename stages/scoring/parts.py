@@ -57,12 +57,15 @@ def part_table(run: str, rows: Iterable[PartRow]) -> PartTable:
     )
 
 
-def render(table: PartTable) -> Table:
+def render(table: PartTable, coverage: str = "") -> Table:
     """One row a class, then the average over classes and over shapes; IoU in percent, as the literature has it, ± sd
     over draws."""
     from rich.table import Table
 
-    result = Table(title=f"{table.run}: parts", caption=f"IoU in %; {table.protocol}; mean ± sd over draws of shots")
+    result = Table(
+        title=escape(f"{table.run}: parts" + (f" ({coverage})" if coverage else "")),
+        caption=f"IoU in %; {table.protocol}; mean ± sd over draws of shots",
+    )
     for name, justify in (("class", "left"), ("targets", "right"), ("IoU", "right"), ("of each part", "left")):
         result.add_column(name, justify="right" if justify == "right" else "left")
     for name, one in table.classes.items():

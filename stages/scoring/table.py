@@ -11,16 +11,16 @@ SHOWN = (0.0, 0.02, 0.05, 0.10)
 """Thresholds worth a column, where the run has them."""
 
 
-def render(table: ScoreTable) -> Table:
+def render(table: ScoreTable, coverage: str = "") -> Table:
     """One row a class and one for their mean: IoU at a few thresholds, AUC, PCK at the largest one, ceiling; ± sd over
-    draws."""
+    draws. `coverage`: of how many targets, where that is not all of them."""
     thresholds = table.mean.thresholds
     shown = [i for i, threshold in enumerate(thresholds) if any(abs(threshold - wanted) < 1e-9 for wanted in SHOWN)]
     shown = shown or [len(thresholds) - 1]
     largest = f"{thresholds[-1]:g}"
     exact = " IoU 0 counts predictions on the very annotated point." if 0.0 in [thresholds[i] for i in shown] else ""
     result = Table(
-        title=table.run,
+        title=escape(f"{table.run} ({coverage})" if coverage else table.run),
         caption=f"IoU at {table.protocol}; mean ± sd over {table.mean.draws} draws of shots.{exact} "
         "Ceiling: IoU if every id of the shots were in its place.",
     )

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.verbs.options import Json, RunPath, Set, StoreUrl
-from b23d.stages.workbench.results.scores import run_parts
+from b23d.stages.workbench.results.scores import coverage, run_parts
 
 
 def parts(
@@ -20,12 +20,13 @@ def parts(
     """IoU of transferred parts per class (ShapeNetPart's protocol), their average; mean ± sd over draws of shots."""
     from b23d.stages.scoring.parts import render
 
-    table = run_parts(Run.load(run, set, store))
+    loaded = Run.load(run, set, store)
+    table = run_parts(loaded)
     if as_json:
         print(table.model_dump_json(indent=1))
     else:
         console = Console()
-        (console if console.is_terminal else Console(width=140)).print(render(table))
+        (console if console.is_terminal else Console(width=140)).print(render(table, coverage(loaded, "score_parts")))
 
 
 def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | None:
@@ -40,5 +41,5 @@ def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | No
     except ValueError:
         return None
     (run.folder / "parts.json").write_text(table.model_dump_json(indent=1))
-    console.print(render(table))
+    console.print(render(table, coverage(run, "score_parts")))
     return table.model_dump(mode="json")

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.verbs.options import Json, RunPath, Set, StoreUrl
-from b23d.stages.workbench.results.scores import run_scores
+from b23d.stages.workbench.results.scores import coverage, run_scores
 
 
 def scores(
@@ -20,12 +20,13 @@ def scores(
     """IoU per threshold and class with AUC, labelled PCK and the ceiling; mean ± sd over draws of shots."""
     from b23d.stages.scoring.table import render
 
-    table = run_scores(Run.load(run, set, store))
+    loaded = Run.load(run, set, store)
+    table = run_scores(loaded)
     if as_json:
         print(table.model_dump_json(indent=1))
     else:
         console = Console()
-        (console if console.is_terminal else Console(width=120)).print(render(table))
+        (console if console.is_terminal else Console(width=120)).print(render(table, coverage(loaded, "score")))
 
 
 def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | None:
@@ -41,5 +42,5 @@ def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | No
         return None
     if not report.selection.narrows:
         (run.folder / "scores.json").write_text(table.model_dump_json(indent=1))
-    console.print(render(table))
+    console.print(render(table, coverage(run, "score", report.selection)))
     return table.model_dump(mode="json")

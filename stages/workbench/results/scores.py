@@ -21,10 +21,28 @@ def run_scores(run: Run, selection: Selection = EVERYTHING) -> ScoreTable:
     return score_table(run.name, rows[0][3].protocol, rows)
 
 
+def coverage(run: Run, stage: str, selection: Selection = EVERYTHING) -> str:
+    """ "3 of 5 targets" where a stage has made fewer of the selected ones than the run wants; "" where it has all."""
+    wanted = {(shape, draw) for name, shape, draw in run.plan().by_shape if name == stage}
+    chosen = _chosen(run, selection)
+    made = {(s.name, draw) for s, draw, _ in run.collect(stage) if chosen is None or s.name in chosen}
+    if wanted <= made:
+        return ""
+    shapes, all_shapes = ({shape for shape, _ in pairs} for pairs in (made & wanted, wanted))
+    if shapes == all_shapes:
+        return f"{len(made & wanted)} of {len(wanted)} targets of the draws"
+    return f"{len(shapes)} of {len(all_shapes)} targets"
+
+
+def _chosen(run: Run, selection: Selection) -> set[str] | None:
+    """Names of the selected shapes; None: all."""
+    return selection.targets(run.shapes) if selection.narrows and not selection.only_failed else None
+
+
 def score_rows(run: Run, selection: Selection = EVERYTHING) -> list[ScoreRow]:
     """Class, draw, shape and score of what a run has scored so far of the selected targets. Raises ValueError where
     that is nothing."""
-    wanted = selection.targets(run.shapes) if selection.narrows and not selection.only_failed else None
+    wanted = _chosen(run, selection)
     rows: list[ScoreRow] = [
         (shape.category, draw, shape.id, found)
         for shape, draw, found in run.collect("score")
