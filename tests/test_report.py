@@ -277,7 +277,7 @@ def test_the_command_writes_a_page_and_says_where(run: Run, tmp_path: Path) -> N
     assert "3D views of 8 of 9 shapes" in result.output and "page-details" in result.output
     text = out.read_text()
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=[\"']?(https?:)?//", text), "nothing from the network"
-    assert "box/broken" in text and "lonely (draw 0)" in text
+    assert "box/broken" in text and "class lonely" in text
     assert len(list((tmp_path / "page-details").glob("*.js"))) == 8
     again = CliRunner().invoke(
         app,
