@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from b23d.pipeline.errors import NotAStoreError
+from b23d.pipeline.errors import NotAStoreError, StoreError
 
 MARKER = "b23d-store.json"
 FORMAT = 1
@@ -27,7 +27,7 @@ def store_format(fs: Any, root: str) -> int | None:
     try:
         told = json.loads(fs.cat_file(f"{root}/{MARKER}"))
         return int(told["format"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except Exception:  # object stores raise what they like
         return None
 
 
@@ -61,9 +61,11 @@ def stages_in(fs: Any, root: str, head: str) -> Iterator[str]:
 
 
 def names(fs: Any, folder: str) -> list[str]:
-    """Names in a folder; none where it is not there, or is no folder."""
+    """Names in a folder; none where it is not there, or is no folder. Raises StoreError where it cannot be listed."""
     try:
         found = [str(child).rstrip("/") for child in fs.ls(folder, detail=False)]
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return []
+    except Exception as error:  # object stores raise what they like
+        raise StoreError(f"store: expected to list {folder}, got {error}; mend that, or give another") from error
     return sorted(path.rsplit("/", 1)[-1] for path in found if path != folder.rstrip("/"))

@@ -96,6 +96,8 @@ class Store:
             found = [path.split("/")[-3:] for path in self.fs.find(f"{self.root}/{stage}") if path.endswith(HEAD)]
         except _ABSENT:
             return set()
+        except Exception as error:  # object stores raise what they like
+            raise self._failed(f"to list {stage}", error) from error
         return {fan + rest for fan, rest, _ in found if FAN.fullmatch(fan) and REST.fullmatch(rest)}
 
     def stages(self) -> list[str]:

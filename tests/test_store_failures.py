@@ -191,3 +191,20 @@ def test_a_table_over_fewer_targets_says_so(tmp_path: Path, flaky: set[float]) -
     flaky.clear()
     Run.load(path).execute(workers=0)
     assert coverage(Run.load(path), "add") == ""
+
+
+def test_an_object_store_that_cannot_be_read_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Without credentials, say: errors of their own kinds, at the first look."""
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    def refuse(*_: object, **__: object) -> None:
+        raise Exception("unable to locate credentials")
+
+    for name in ("cat_file", "find", "ls", "exists", "pipe_file", "makedirs"):
+        monkeypatch.setattr(MemoryFileSystem, name, refuse)
+    for command in ("plan", "run"):
+        with pytest.raises(SystemExit) as ended:
+            main([command, str(make_toy(tmp_path)), "--store", f"memory://{tmp_path.name}"])
+        assert ended.value.code == 3 and "credentials" in capfd.readouterr().err
