@@ -38,8 +38,10 @@ def apply_head(
     from b23d.stages.heads.choosing import choose
     from b23d.stages.heads.detector import probabilities
     from b23d.stages.heads.inputs import shape_inputs
+    from b23d.stages.solvers.shots import described
 
-    inputs, lengths = shape_inputs("the target", normalize, reweight, geodesic, train_head.features, train_head.context)
+    target = described("the target", normalize, reweight, geodesic)
+    inputs, lengths = shape_inputs(target, train_head.features, train_head.context)
     if inputs.shape[1] != len(train_head.mean):
         raise ValueError(
             f"features: expected inputs of {len(train_head.mean)} numbers as the head has ({train_head.descriptor}), "

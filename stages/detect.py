@@ -41,12 +41,10 @@ def detect(
     """
     from b23d.stages.detectors.farthest import farthest
     from b23d.stages.detectors.ranking import ranked
+    from b23d.stages.solvers.shots import check_fit
 
     points, detector = normalize.points.astype(np.float64), calibrate
-    if len(geodesic.distances) != len(points):
-        raise ValueError(
-            f"distances: expected those of {len(points)} candidates, got {len(geodesic.distances)}; re-run geodesic"
-        )
+    check_fit("the target", normalize, distances=geodesic)
     if detector.method == "farthest":
         chosen, strength = farthest(geodesic.distances, detector.count)
         applied = f"farthest count {detector.count}"

@@ -16,7 +16,6 @@ from b23d.stages.solvers.options import OptimizeParams
 if TYPE_CHECKING:
     from b23d.stages.solvers.objective import Problem
     from b23d.stages.solvers.options import Adam, Discrete, Softmax
-    from b23d.stages.solvers.posterior.predicting import Found
 
 
 @stage(version=3, hints=Hints(memory_gb=0.5))
@@ -43,85 +42,40 @@ def optimize(
     """
     from b23d.stages.solvers.objective import objective, shares
     from b23d.stages.solvers.posing import pose
+    from b23d.stages.solvers.posterior.finding import find
     from b23d.stages.solvers.presence import presence
+    from b23d.stages.solvers.retrieval import retrieve
+    from b23d.stages.solvers.shots import described, labelled
 
-    template, problem = pose(
-        normalize,
-        reweight,
-        geodesic,
-        shot_normalize,
-        shot_reweight,
-        shot_geodesic,
-        shot_keypoints,
-        params.measure,
-        params.retrieval,
-    )
-    used = [int(name) for name in template.shots]
-    points = normalize.points
-    found = _posterior(
-        normalize, reweight, geodesic, used, shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, params
-    )
-    choice = _solve(problem, params) if found is None else found.points
-    costs = shares(problem, choice)
+    target = described("the target", normalize, reweight, geodesic)
+    shots = labelled(shot_normalize, shot_reweight, shot_geodesic, shot_keypoints)
+    if params.retrieval:
+        shots = [shots[retrieve(reweight, shot_reweight)]]
+    template, problem = pose(target, shots, params.measure)
     rule = params.chosen.presence
-    present = found.present if found is not None and rule == "evidence" else presence(costs, template, rule)
+    present, confidence = presence(template, rule), None
+    if params.method == "posterior":
+        found = find(target, shots, params.posterior)
+        choice, confidence = found.points, found.hits.astype(np.float32)
+        present = found.present if rule == "evidence" else present
+    else:
+        choice = _solve(problem, params)
+    costs = shares(problem, choice)
     return Prediction(
         ids=template.ids,
         points=choice.astype(np.int32),
-        positions=points[choice],
+        positions=normalize.points[choice],
         present=present,
         costs=costs.astype(np.float32),
-        confidence=None if found is None else found.hits.astype(np.float32),
+        confidence=confidence,
         objective=float(objective(problem, choice)),
         method=params.method,
         shots=template.shots,
     )
 
 
-def _posterior(
-    shape: NormalizedShape,
-    reweight: PointFeatures,
-    geodesic: GeodesicDistances,
-    used: list[int],
-    shot_normalize: list[NormalizedShape],
-    shot_reweight: list[PointFeatures],
-    shot_geodesic: list[GeodesicDistances],
-    shot_keypoints: list[Keypoints],
-    params: OptimizeParams,
-) -> Found | None:
-    """What the posterior method finds; None for other methods."""
-    if params.method != "posterior":
-        return None
-
-    from b23d.stages.geometry.keypoints import keypoint_candidates
-    from b23d.stages.solvers.posterior.geometry import Prepared, prepare
-    from b23d.stages.solvers.posterior.learning import learn
-    from b23d.stages.solvers.posterior.predicting import predict
-    from b23d.stages.solvers.posterior.turning import aligned, in_frame
-    from b23d.stages.solvers.scaling import largest_distance, scale_features
-
-    def prepared(
-        s: NormalizedShape, f: PointFeatures, g: GeodesicDistances, k: Keypoints | None = None, name: str = ""
-    ) -> Prepared:
-        features = scale_features(f.features, "centred-unit", f.observed)
-        distances = g.distances.astype(np.float32)
-        distances[np.isinf(distances)] = largest_distance(distances)
-        at = None if k is None else keypoint_candidates(k, s, name)
-        return prepare(s.points, features, distances, params.posterior.radii, None if k is None else k.ids, at)
-
-    labelled = [i for i in used if len(shot_keypoints[i].ids)]
-    shots = [
-        prepared(shot_normalize[i], shot_reweight[i], shot_geodesic[i], shot_keypoints[i], f"shot {i}")
-        for i in labelled
-    ]
-    shots, frames = aligned(shots, params.posterior)
-    model = learn(shots, params.posterior)
-    target = in_frame(model, frames, prepared(shape, reweight, geodesic), params.posterior)
-    return predict(model, target, params.posterior)
-
-
 def _solve(problem: Problem, params: OptimizeParams) -> np.ndarray:
-    """The method's choice, (k,) int64."""
+    """The choice of a method that solves the problem posed, (k,) int64."""
     from b23d.stages.solvers.discrete import discrete
     from b23d.stages.solvers.hungarian import hungarian
     from b23d.stages.solvers.nearest import nearest

@@ -69,14 +69,12 @@ def train_head(
     import numpy as np
 
     from b23d.stages.heads.calibration import held_out_peaks, threshold
-    from b23d.stages.heads.inputs import check_examples, example
+    from b23d.stages.heads.inputs import example
     from b23d.stages.heads.training import Options, train
+    from b23d.stages.solvers.shots import labelled
 
-    shots = zip(shot_normalize, shot_reweight, shot_geodesic, shot_keypoints, strict=True)
-    examples = [
-        example(f"shot {i}", *shot, params.features, params.context, params.sigma) for i, shot in enumerate(shots)
-    ]
-    check_examples(examples)
+    shots = labelled(shot_normalize, shot_reweight, shot_geodesic, shot_keypoints)
+    examples = [example(shot, params.features, params.context, params.sigma) for shot in shots]
     hidden = params.hidden if params.detector == "hidden" else None
     options = Options(
         width=hidden.width if hidden else 0,

@@ -44,13 +44,16 @@ def transfer(
     names, features of different encoders or that do not fit the candidates or are not finite.
     """
     from b23d.stages.geometry.parts import candidate_labels, part_names
+    from b23d.stages.solvers.shots import check_fit
     from b23d.stages.solvers.voting import directions, vote
 
     names = part_names({f"shot {i}": parts for i, parts in enumerate(shot_parts)})
-    target = directions("the target", reweight, len(normalize.points), params.features)
+    check_fit("the target", normalize, reweight)
+    target = directions(reweight, params.features)
     shots, known = [], []
     for i, (shape, features, parts) in enumerate(zip(shot_normalize, shot_reweight, shot_parts, strict=True)):
-        shots.append(directions(f"shot {i}", features, len(shape.points), params.features))
+        check_fit(f"shot {i}", shape, features)
+        shots.append(directions(features, params.features))
         known.append(candidate_labels(parts, shape, f"shot {i}"))
     channels = sorted({len(shape[0]) for shape in (target, *shots)})
     if len(channels) > 1:

@@ -21,6 +21,8 @@ from b23d.stages.solvers.discrete import discrete
 from b23d.stages.solvers.objective import Problem, objective
 from b23d.stages.solvers.options import Objective
 from b23d.stages.solvers.posing import pose
+from b23d.stages.solvers.shots import described as whole
+from b23d.stages.solvers.shots import labelled
 from tests.shared_data import shared
 
 SCALES = [Objective(), Objective(features="standardised", alpha=4)]
@@ -38,10 +40,10 @@ def problems(shapes: list[Shape], shots: int) -> Iterator[tuple[str, Problem]]:
         clean = normalize(loaded(shape.leaves["source"]), NormalizeParams(candidates="fps", count=192))
         described = describe(clean, DescribeParams(descriptor="shot"))
         made.append((clean, described, geodesic(clean, GeodesicParams()), loaded(shape.leaves["keypoints"])))
-    columns = [list(column) for column in zip(*made[:shots], strict=True)]
+    taught = labelled(*(list(column) for column in zip(*made[:shots], strict=True)))
     for shape, target in zip(shapes[shots:], made[shots:], strict=True):
         for scale in SCALES:
-            yield shape.name, pose(*target[:3], *columns, objective=scale)[1]
+            yield shape.name, pose(whole("the target", *target[:3]), taught, scale)[1]
 
 
 def check(shapes: list[Shape], shots: int = 3, steps: int = 600) -> None:

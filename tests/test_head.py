@@ -21,6 +21,7 @@ from b23d.stages.heads.choosing import choose
 from b23d.stages.heads.detector import probabilities
 from b23d.stages.heads.inputs import gaussian, shape_inputs
 from b23d.stages.heads.training import principal
+from b23d.stages.solvers.shots import described as whole
 from b23d.stages.train_head import TrainHeadParams, train_head
 from tests.made_features import apart, cloud, described, keypointed
 from tests.made_params import placed
@@ -128,15 +129,16 @@ def test_surer_ids_choose_first_and_keep_others_off() -> None:
 
 def test_a_neighbourhood_s_mean_follows_the_surface() -> None:
     (shape, features, distances, _), _ = shot(0)
-    alone, lengths = shape_inputs("it", shape, features, distances, "raw", 0)
-    inputs, _ = shape_inputs("it", shape, features, distances, "raw", 0.2)
+    alone, lengths = shape_inputs(whole("it", shape, features, distances), "raw", 0)
+    inputs, _ = shape_inputs(whole("it", shape, features, distances), "raw", 0.2)
     assert lengths.max() == 1
     weights = np.exp(-0.5 * (lengths.astype(float) / 0.2) ** 2)
     assert np.array_equal(inputs[:, :16], alone)
     assert np.allclose(inputs[:, 16:], weights @ alone / weights.sum(1, keepdims=True), atol=1e-5)
     cut = distances.distances.copy()
     cut[:60, 60:] = cut[60:, :60] = np.inf
-    parted, lengths = shape_inputs("it", shape, features, distances.model_copy(update={"distances": cut}), "raw", 0.2)
+    distances = distances.model_copy(update={"distances": cut})
+    parted, lengths = shape_inputs(whole("it", shape, features, distances), "raw", 0.2)
     weights = np.exp(-0.5 * (lengths[:60, :60].astype(float) / 0.2) ** 2)
     assert np.allclose(parted[:60, 16:], weights @ alone[:60] / weights.sum(1, keepdims=True), atol=1e-5), (
         "nothing from beyond a gap"

@@ -12,10 +12,9 @@ from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.optimize import OptimizeParams, optimize
-from b23d.stages.solvers.presence import presence
 from b23d.stages.solvers.retrieval import retrieve
 from b23d.stages.solvers.scaling import scale_distances, scale_features
-from b23d.stages.solvers.shots import Shot, combine_shots, smooth_among
+from b23d.stages.solvers.template import AtKeypoints, combine_shots, smooth_among
 from tests.made_params import placed
 
 Labelled = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
@@ -166,8 +165,10 @@ def test_scales_of_shape_and_features_do_not_matter() -> None:
 # what the shots ask for (the table of differences: `test_rows_choice.py`)
 
 
-def shot(name: str, ids: list[int], features: list[float], distances: np.ndarray) -> Shot:
-    return Shot(name, np.array(ids, np.int32), np.array(features, np.float32)[:, None], distances.astype(np.float32))
+def shot(name: str, ids: list[int], features: list[float], distances: np.ndarray) -> AtKeypoints:
+    return AtKeypoints(
+        name, np.array(ids, np.int32), np.array(features, np.float32)[:, None], distances.astype(np.float32)
+    )
 
 
 def line(*places: float) -> np.ndarray:
@@ -253,8 +254,6 @@ def test_presence_by_majority() -> None:
     shots = [labelled(i, ids, AT[: len(ids)]) for i, ids in enumerate([[0, 1], [0, 2], [0, 1]])]
     assert solve(labelled(4, [], []), shots).present.all()
     assert solve(labelled(4, [], []), shots, presence="majority").present.tolist() == [True, True, False]
-    with pytest.raises(ValueError, match="expected a cost for each of 1 ids, got 2"):
-        presence(np.zeros(2), combine_shots([shot("a", [0], [0], line(0))]), "all")
 
 
 # what is wrong is said
@@ -286,7 +285,7 @@ def test_features_of_different_encoders() -> None:
     with pytest.raises(ValueError, match="as many channels in every shot"):
         solve(labelled(1, [], []), [other, labelled(0, IDS, AT)])
     with pytest.raises(ValueError, match="of one length"):
-        solve(labelled(1, [], []), [other, labelled(0, IDS, AT)], retrieval=True)
+        solve(labelled(1, [], []), [other, other], retrieval=True)
 
 
 def test_features_that_do_not_fit_the_candidates_or_are_no_numbers() -> None:

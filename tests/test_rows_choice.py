@@ -12,7 +12,7 @@ from b23d.pipeline.dataset import Leaf, Shape
 from b23d.pipeline.draws import draw_shots
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.runfile import Shots
-from b23d.stages.solvers.shots import combine_shots
+from b23d.stages.solvers.template import combine_shots
 from tests.test_optimize import AT, IDS, distances_of, features_of, labelled, line, shape_of, shot, solve, sphere
 from tests.test_posterior import Parts, box_cloud
 from tests.test_posterior import run as posterior

@@ -13,6 +13,7 @@ from b23d.schemas.features import GeodesicDistances
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.geometry.keypoints import keypoint_candidates
+from b23d.stages.solvers.shots import check_fit
 
 MOST = 3
 """Numbers up to this many times the average of the shots are tried."""
@@ -45,11 +46,7 @@ def annotated_shot(
 ) -> AnnotatedShot:
     """A shot as calibration sees it. Raises ValueError: distances that do not fit the candidates, a keypoint beyond the
     cloud."""
-    if len(geodesic.distances) != len(shape.points):
-        raise ValueError(
-            f"{name}: expected distances of {len(shape.points)} candidates, got {len(geodesic.distances)}; "
-            "re-run geodesic"
-        )
+    check_fit(name, shape, distances=geodesic)
     at = keypoint_candidates(keypoints, shape, name)
     return AnnotatedShot(shape.points.astype(np.float64), geodesic.distances[:, at])
 
@@ -69,34 +66,34 @@ def choose(
     """
     average = average_count([shot.distances.shape[1] for shot in shots])
     counts = np.arange(1, MOST * average + 1) if count is None else np.array([count])
-    choices = [
-        Choice(scale, int(k), float(iou))
-        for scale in scales
-        for k, iou in zip(
-            counts,
-            _ious([shot.distances[rank(shot.points, scale)] <= threshold for shot in shots], counts),
-            strict=True,
-        )
-    ]
-    return max(
-        choices,
-        key=lambda choice: (
-            round(choice.iou, 9),
-            -abs(choice.count - average),
-            -abs(np.log(choice.scale)),
-            -choice.scale,
-        ),
-    )
+    choices = []
+    for scale in scales:
+        hits = [shot.distances[rank(shot.points, scale)] <= threshold for shot in shots]
+        ious = _ious(hits, counts)
+        choices += [Choice(scale, int(k), float(iou)) for k, iou in zip(counts, ious, strict=True)]
+
+    def merit(choice: Choice) -> tuple[float, ...]:
+        surplus, octaves = abs(choice.count - average), abs(np.log(choice.scale))
+        return round(choice.iou, 9), -surplus, -octaves, -choice.scale
+
+    return max(choices, key=merit)
 
 
 def _ious(hits: Sequence[np.ndarray], counts: np.ndarray) -> npt.NDArray[np.float64]:
-    """IoU of the first k points of every ranking, for every k of `counts`; hits: one (m, g) bool a shot."""
-    found, wrong, annotated = np.zeros(len(counts)), np.zeros(len(counts)), 0
+    """Label-agnostic IoU of the first k points of every ranking, all shots together, for every k of `counts`: keypoints
+    found over keypoints annotated and points that hit none.
+
+    hits: one (m, g) bool a shot, whether its m points, strongest first, hit its g keypoints. A ranking shorter than k
+    counts with all that it has.
+    """
+    found, wrong = np.zeros(len(counts)), np.zeros(len(counts))
+    annotated = sum(hit.shape[1] for hit in hits)
     for hit in hits:
-        annotated += hit.shape[1]
-        if len(hit) and hit.shape[1]:
-            last = np.minimum(counts, len(hit)) - 1
-            found += np.logical_or.accumulate(hit, axis=0).sum(axis=1)[last]
-        if len(hit):
-            wrong += np.cumsum(~hit.any(axis=1))[np.minimum(counts, len(hit)) - 1]
+        if not len(hit):
+            continue
+        last = np.minimum(counts, len(hit)) - 1
+        found_so_far = np.logical_or.accumulate(hit, axis=0).sum(axis=1)
+        wrong_so_far = np.cumsum(~hit.any(axis=1))
+        found += found_so_far[last]
+        wrong += wrong_so_far[last]
     return found / np.maximum(annotated + wrong, 1)

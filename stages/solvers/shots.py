@@ -1,110 +1,95 @@
-"""What several labelled shapes say about keypoints: their features and mutual distances, averaged per id and per
-pair."""
+"""A shape with what is known of its candidates, and a shot: such a shape with its keypoints. Whatever learns from shots
+takes these, put together and checked in one place."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-Combine = Literal["mean", "sum_distances"]
-Mask = Literal["pairs", "positive", "whole"]
+from b23d.schemas.features import GeodesicDistances, PointFeatures
+from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.shape import NormalizedShape
+from b23d.stages.geometry.keypoints import keypoint_candidates
 
 
 @dataclass(frozen=True)
-class Shot:
-    """One labelled shape at its keypoints.
-
-    name: for messages and `Prediction.shots`.
-    ids: (g,) int, unique.
-    features: (g, channel) float32, scaled as the target's will be.
-    distances: (g, g) float32, scaled as the target's will be; +inf where one keypoint cannot be reached from another.
-    """
+class Described:
+    """A shape whose features and distances are known to fit its n candidates."""
 
     name: str
-    ids: np.ndarray
-    features: np.ndarray
-    distances: np.ndarray
+    """For messages: "the target", "shot 2"."""
+    shape: NormalizedShape
+    features: PointFeatures
+    distances: GeodesicDistances
 
 
 @dataclass(frozen=True)
-class Template:
-    """What to look for.
+class Shot(Described):
+    """An annotated shape with g keypoints; g may be 0."""
 
-    ids: (k,) int32, sorted, every id that any shot has.
-    features: (k, channel) float32.
-    distances: (k, k) float64; 0 where `mask` is false.
-    mask: (k, k) bool: pairs that enter the distance term.
-    counts: (k,) int, how many shots have each id.
-    shots: names of the shots it was made of.
+    index: int
+    """Its place among the shots of the draw."""
+    keypoints: Keypoints
+    at: np.ndarray
+    """(g,) int64, the candidate of each keypoint."""
+
+
+def described(name: str, shape: NormalizedShape, features: PointFeatures, distances: GeodesicDistances) -> Described:
+    """Raises ValueError, naming the shape, as `check_fit`."""
+    check_fit(name, shape, features, distances)
+    return Described(name, shape, features, distances)
+
+
+def labelled(
+    shapes: Sequence[NormalizedShape],
+    features: Sequence[PointFeatures],
+    distances: Sequence[GeodesicDistances],
+    keypoints: Sequence[Keypoints],
+) -> list[Shot]:
+    """The shots that a stage is given as one list of each kind, in their order.
+
+    Raises ValueError: no keypoint in any of them; features or distances that do not fit the candidates or are not
+    finite; features of different encoders; a keypoint beyond the cloud.
     """
-
-    ids: np.ndarray
-    features: np.ndarray
-    distances: np.ndarray
-    mask: np.ndarray
-    counts: np.ndarray
-    shots: list[str]
-
-
-def combine_shots(shots: Sequence[Shot], combine: Combine = "mean", mask: Mask = "pairs") -> Template:
-    """The template of some shots: features averaged over the shots that have an id, distances over those that have both
-    ids of a pair.
-
-    combine "sum_distances": distances are summed instead of averaged, as the published code does.
-    mask "pairs": every pair of different ids that some shot has. "positive": entries of the combined matrix above zero,
-    as the published code does; that drops pairs that coincide. "whole": as "pairs", and the diagonal, as the paper's
-    formula has it.
-
-    Raises ValueError where no shot has a keypoint, or where of several shots no two share an id.
-    """
-    check_shots(shots)
-    ids = np.unique(np.concatenate([shot.ids for shot in shots])).astype(np.int32)
-    k, channels = len(ids), shots[0].features.shape[1]
-    features = np.zeros((k, channels))
-    counts = np.zeros(k, dtype=np.int64)
-    distances = np.zeros((k, k))
-    seen = np.zeros((k, k), dtype=np.int64)
-    for shot in shots:
-        rows = np.searchsorted(ids, shot.ids)
-        reachable = np.isfinite(shot.distances)
-        features[rows] += shot.features
-        counts[rows] += 1
-        distances[np.ix_(rows, rows)] += np.where(reachable, shot.distances, 0)
-        seen[np.ix_(rows, rows)] += reachable
-    features /= counts[:, None]
-    if combine == "mean":
-        distances /= np.maximum(seen, 1)
-    keep = {"pairs": (seen > 0) & ~np.eye(k, dtype=bool), "positive": distances > 0, "whole": seen > 0}[mask]
-    return Template(
-        ids, features.astype(np.float32), np.where(keep, distances, 0), keep, counts, [shot.name for shot in shots]
-    )
-
-
-def check_shots(shots: Sequence[Shot]) -> None:
-    """Raise ValueError where these shots cannot be combined."""
-    listed = "; ".join(f"shot {shot.name}: {sorted(map(int, shot.ids))}" for shot in shots)
-    if not any(len(shot.ids) for shot in shots):
-        raise ValueError(f"shots: expected at least one keypoint, got none ({listed or 'no shot'}); annotate the shots")
-    occurrences = np.unique(np.concatenate([shot.ids for shot in shots]), return_counts=True)[1]
-    if len(shots) > 1 and occurrences.max() < 2:
+    shots = []
+    for i, (shape, feature, distance, keypoint) in enumerate(zip(shapes, features, distances, keypoints, strict=True)):
+        name = f"shot {i}"
+        check_fit(name, shape, feature, distance)
+        at = keypoint_candidates(keypoint, shape, name) if len(keypoint.ids) else np.zeros(0, np.int64)
+        shots.append(Shot(name, shape, feature, distance, i, keypoint, at))
+    if not any(len(shot.at) for shot in shots):
         raise ValueError(
-            f"shots: expected an id that two of them share, got ids {listed}; use shots annotated with the same ids"
+            f"shots: expected at least one keypoint, got none in {len(shots)} shots; annotate the shots, or draw others"
         )
-    channels = {shot.name: shot.features.shape[1] for shot in shots}
+    channels = {shot.name: shot.features.features.shape[1] for shot in shots}
     if len(set(channels.values())) > 1:
         raise ValueError(
             f"shots: expected features with as many channels in every shot, got {channels}; use one encoder for all"
         )
+    return shots
 
 
-def smooth_among(features: np.ndarray, distances: np.ndarray, sigma: float) -> np.ndarray:
-    """Keypoint features (g, channel) averaged with Gaussian weights exp(−d² / 2σ²) of their mutual distances (g, g),
-    both in one unit.
-
-    The published code smooths a shot's features among its keypoints alone (method's row on source keypoints).
-    """
-    weights = np.exp(-0.5 * (distances.astype(np.float64) / sigma) ** 2)  # +inf weighs nothing, the point itself 1
-    return (weights @ features / weights.sum(1, keepdims=True)).astype(np.float32)
+def check_fit(
+    name: str,
+    shape: NormalizedShape,
+    features: PointFeatures | None = None,
+    distances: GeodesicDistances | None = None,
+) -> None:
+    """Raise ValueError, naming the shape, where what is given of features and distances is not of the shape's
+    candidates, or features are not finite."""
+    given = {}
+    if features is not None:
+        given["features", "reweight"] = len(features.features)
+    if distances is not None:
+        given["distances", "geodesic"] = len(distances.distances)
+    n = len(shape.points)
+    if any(length != n for length in given.values()):
+        what, stages = (" and ".join(names) for names in zip(*given, strict=True))
+        got = " and ".join(map(str, given.values()))
+        raise ValueError(f"{name}: expected {what} of its {n} candidates, got {got}; re-run {stages}")
+    if features is not None and not np.isfinite(features.features).all():
+        raise ValueError(
+            f"{name}: expected finite features, got NaN or infinity ({features.descriptor}); check the descriptor"
+        )

@@ -11,19 +11,9 @@ from b23d.schemas.features import PointFeatures
 from b23d.stages.solvers.scaling import FeatureScale, scale_features
 
 
-def directions(name: str, reweight: PointFeatures, n: int, how: FeatureScale) -> npt.NDArray[np.float32]:
-    """Scaled features of a shape's n candidates, each divided by its length: (n, channel) float32; zeros stay zeros.
-
-    Raises ValueError, naming the shape, where there are not n of them or some are not finite.
-    """
-    if len(reweight.features) != n:
-        raise ValueError(
-            f"{name}: expected features of its {n} candidates, got {len(reweight.features)}; re-run reweight"
-        )
-    if not np.isfinite(reweight.features).all():
-        raise ValueError(
-            f"{name}: expected finite features, got NaN or infinity ({reweight.descriptor}); check the descriptor"
-        )
+def directions(reweight: PointFeatures, how: FeatureScale) -> npt.NDArray[np.float32]:
+    """Scaled features of a shape's n candidates, each divided by its length: (n, channel) float32; zeros stay
+    zeros."""
     scaled = scale_features(reweight.features, how, reweight.observed)
     lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
     return np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0)

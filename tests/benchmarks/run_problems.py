@@ -20,7 +20,9 @@ from b23d.stages.optimize import OptimizeParams
 from b23d.stages.score import ScoreParams, score
 from b23d.stages.solvers.objective import Problem
 from b23d.stages.solvers.posing import pose
-from b23d.stages.solvers.shots import Template
+from b23d.stages.solvers.retrieval import retrieve
+from b23d.stages.solvers.shots import described, labelled
+from b23d.stages.solvers.template import Template
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,11 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
         for draw, node in sorted(nodes[shape], key=lambda pair: pair[0]):
             inputs = {name: given(item) for name, item in node.inputs.items()}
             own = leaves[shape]
-            template, problem = pose(**inputs, objective=params.measure, retrieval=params.retrieval)
+            target = described("the target", inputs["normalize"], inputs["reweight"], inputs["geodesic"])
+            shots = labelled(*(inputs[f"shot_{name}"] for name in ("normalize", "reweight", "geodesic", "keypoints")))
+            if params.retrieval:
+                shots = [shots[retrieve(inputs["reweight"], inputs["shot_reweight"])]]
+            template, problem = pose(target, shots, params.measure)
             yield Posed(
                 category,
                 shape,

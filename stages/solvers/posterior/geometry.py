@@ -9,6 +9,7 @@ import numpy as np
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 THINNEST = 0.05  # a side thinner than this share of the largest is not stretched to a box's full side
+NOTHING = np.float32(-60)  # exponents below count as this: e^-60 is no part of a sum, but denormal numbers are slow
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,14 @@ def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.n
     deviations, its log mass. Gaussian neighbourhoods of standard deviation radius / 1.5."""
     square = squared(position, position)
     products = np.stack([position[:, a] * position[:, b] for a, b in PAIRS], 1)
+    moments = np.concatenate([np.ones_like(position[:, :1]), position, products], 1)
     shifts, descriptors = [], []
     for radius in radii:
-        weights = np.exp(square * np.float32(-1 / (2 * (radius / 1.5) ** 2)))
-        mass = weights.sum(1, keepdims=True)
-        weights /= mass
-        mean, second = weights @ position, weights @ products
+        exponents = square * np.float32(-1 / (2 * (radius / 1.5) ** 2))
+        np.maximum(exponents, NOTHING, out=exponents)
+        sums = np.exp(exponents, out=exponents) @ moments
+        mass = sums[:, :1]
+        mean, second = sums[:, 1:4] / mass, sums[:, 4:] / mass
         covariance = np.empty((len(position), 3, 3), position.dtype)
         for j, (a, b) in enumerate(PAIRS):
             covariance[:, a, b] = covariance[:, b, a] = second[:, j] - mean[:, a] * mean[:, b]

@@ -90,15 +90,15 @@ def _turn(shot: Prepared, reference: Prepared, params: PosteriorParams) -> float
     a, b = a - a.mean(0), b - b.mean(0)
     angle = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    apart, left = ((a - b) ** 2).sum(), ((a @ rotation.T - b) ** 2).sum()
-    return angle if abs(angle) > np.deg2rad(params.same_frame) and left < apart / 2 else 0.0
+    before, after = ((a - b) ** 2).sum(), ((a @ rotation.T - b) ** 2).sum()
+    return angle if abs(angle) > np.deg2rad(params.same_frame) and after < before / 2 else 0.0
 
 
 def _log_prior(angles: np.ndarray, frames: Frames, params: PosteriorParams) -> np.ndarray:
     """(t,) log density, but for a constant: a mixture of one von Mises distribution a shot and, as heavy as one of
     them, a uniform one."""
-    apart = np.cos(angles[:, None] - frames.turns[None])  # a target that stood as a shot needs that shot's turn
-    peaks = np.exp(params.turn_concentration * (apart - 1)) * np.sqrt(2 * np.pi * params.turn_concentration)
+    agreement = np.cos(angles[:, None] - frames.turns[None])  # a target that stood as a shot needs that shot's turn
+    peaks = np.exp(params.turn_concentration * (agreement - 1)) * np.sqrt(2 * np.pi * params.turn_concentration)
     return np.asarray(np.log(1 + peaks.sum(1)))
 
 
