@@ -15,7 +15,7 @@ from b23d.stages.geometry.keypoints import keypoint_candidates
 
 
 @dataclass(frozen=True)
-class Described:
+class DescribedShape:
     """A shape whose features and distances are known to fit its n candidates."""
 
     name: str
@@ -26,7 +26,7 @@ class Described:
 
 
 @dataclass(frozen=True)
-class Shot(Described):
+class Shot(DescribedShape):
     """An annotated shape with g keypoints; g may be 0."""
 
     index: int
@@ -36,10 +36,12 @@ class Shot(Described):
     """(g,) int64, the candidate of each keypoint."""
 
 
-def described(name: str, shape: NormalizedShape, features: PointFeatures, distances: GeodesicDistances) -> Described:
+def described(
+    name: str, shape: NormalizedShape, features: PointFeatures, distances: GeodesicDistances
+) -> DescribedShape:
     """Raises ValueError, naming the shape, as `check_fit`."""
     check_fit(name, shape, features, distances)
-    return Described(name, shape, features, distances)
+    return DescribedShape(name, shape, features, distances)
 
 
 def labelled(
