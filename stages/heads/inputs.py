@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from b23d.stages.solvers.scaling import FeatureScale, scale_distances, scale_features
-from b23d.stages.solvers.shots import DescribedShape, Shot
+from b23d.stages.solvers.shots import KnownShape, Shot
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Example:
 
 
 def shape_inputs(
-    one: DescribedShape, how: FeatureScale, context: float
+    one: KnownShape, how: FeatureScale, context: float
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
     """Inputs (n, input) of a shape's candidates, and their distances (n, n) in units of the largest, +inf where no path
     joins two.

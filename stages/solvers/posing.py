@@ -9,14 +9,14 @@ import numpy as np
 
 from b23d.stages.solvers.objective import Problem
 from b23d.stages.solvers.scaling import largest_distance, scale_distances, scale_features
-from b23d.stages.solvers.shots import DescribedShape, Shot
+from b23d.stages.solvers.shots import KnownShape, Shot
 from b23d.stages.solvers.template import AtKeypoints, Template, combine_shots, smooth_among
 
 if TYPE_CHECKING:
     from b23d.stages.solvers.options import Objective
 
 
-def pose(target: DescribedShape, shots: Sequence[Shot], objective: Objective) -> tuple[Template, Problem]:
+def pose(target: KnownShape, shots: Sequence[Shot], objective: Objective) -> tuple[Template, Problem]:
     """What the shots ask for, and the target it is asked of.
 
     Raises ValueError: several shots of which no two share an id; features of another encoder than the shots'.
@@ -43,7 +43,7 @@ def _at_keypoints(shot: Shot, objective: Objective) -> AtKeypoints:
     return AtKeypoints(str(shot.index), shot.keypoints.ids, own, between)
 
 
-def _scaled(one: DescribedShape, objective: Objective) -> tuple[np.ndarray, np.ndarray]:
+def _scaled(one: KnownShape, objective: Objective) -> tuple[np.ndarray, np.ndarray]:
     """Features (n, channel) and distances (n, n) of one shape, float32, in the objective's scales."""
     features = scale_features(one.features.features, objective.features, one.features.observed)
     return features, scale_distances(one.distances.distances, objective.distances)

@@ -15,7 +15,7 @@ from b23d.stages.geometry.keypoints import keypoint_candidates
 
 
 @dataclass(frozen=True)
-class DescribedShape:
+class KnownShape:
     """A shape whose features and distances are known to fit its n candidates."""
 
     name: str
@@ -26,7 +26,7 @@ class DescribedShape:
 
 
 @dataclass(frozen=True)
-class Shot(DescribedShape):
+class Shot(KnownShape):
     """An annotated shape with g keypoints; g may be 0."""
 
     index: int
@@ -36,12 +36,10 @@ class Shot(DescribedShape):
     """(g,) int64, the candidate of each keypoint."""
 
 
-def described(
-    name: str, shape: NormalizedShape, features: PointFeatures, distances: GeodesicDistances
-) -> DescribedShape:
+def described(name: str, shape: NormalizedShape, features: PointFeatures, distances: GeodesicDistances) -> KnownShape:
     """Raises ValueError, naming the shape, as `check_fit`."""
     check_fit(name, shape, features, distances)
-    return DescribedShape(name, shape, features, distances)
+    return KnownShape(name, shape, features, distances)
 
 
 def labelled(

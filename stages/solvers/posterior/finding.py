@@ -12,10 +12,10 @@ from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import Found, predict
 from b23d.stages.solvers.posterior.turning import Frames, aligned, in_frame
 from b23d.stages.solvers.scaling import largest_distance, scale_features
-from b23d.stages.solvers.shots import DescribedShape, Shot
+from b23d.stages.solvers.shots import KnownShape, Shot
 
 
-def find(target: DescribedShape, shots: Sequence[Shot], params: PosteriorParams) -> Found:
+def find(target: KnownShape, shots: Sequence[Shot], params: PosteriorParams) -> Found:
     """The keypoints of every id that any shot has, by ascending id. At least one shot has a keypoint, and all have as
     many feature channels as the target."""
     model, frames = learned(shots, params)
@@ -29,7 +29,7 @@ def learned(shots: Sequence[Shot], params: PosteriorParams) -> tuple[Model, Fram
     return learn(turned, params), frames
 
 
-def _prepared(one: DescribedShape, params: PosteriorParams) -> Prepared:
+def _prepared(one: KnownShape, params: PosteriorParams) -> Prepared:
     features = scale_features(one.features.features, "centred-unit", one.features.observed)
     distances = one.distances.distances.astype(np.float32)
     distances[np.isinf(distances)] = largest_distance(distances)
