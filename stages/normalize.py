@@ -44,7 +44,7 @@ class NormalizeParams(Params):
     watertight: bool = False
     """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS,
     SHOT). Candidates are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay;
-    colours and textures are dropped. Shapes that are clouds stay as they are."""
+    colours and textures are dropped. Meshes that are one closed surface already, and clouds, stay as they are."""
     watertight_resolution: Annotated[int, When(watertight=True)] = Field(64, ge=8, le=128)
     """Cells along the shape's longest side: gaps and holes narrower than some 1.7 cells are closed, faces grow with the
     square."""
@@ -109,10 +109,12 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
     from b23d.stages.geometry.cleaning import clean
     from b23d.stages.geometry.nearest import nearest_on_faces
     from b23d.stages.geometry.sampling import DENSITY, farthest_points, surface_samples
+    from b23d.stages.geometry.watertight import one_closed_surface
 
     _check_finite(shape, surface.vertices, params, "vertices")
     result = clean(surface.vertices, surface.faces, shape)
-    if params.watertight:
+    replaced = params.watertight and not one_closed_surface(result.vertices, result.faces)
+    if replaced:
         result = _closed(result, params.watertight_resolution)
     kind = _kind(shape, cloud, params)
     if kind == "cloud" and cloud is not None:
@@ -128,9 +130,7 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         dense = surface_samples(result.vertices, result.faces, DENSITY * params.count, rng)
         on = dense[farthest_points(dense.points, params.count)]
         points = on.points
-    colors, uvs, texture = (
-        _appearance(surface, result.kept) if params.colors and not params.watertight else (None, None, None)
-    )
+    colors, uvs, texture = _appearance(surface, result.kept) if params.colors and not replaced else (None, None, None)
     return NormalizedShape(
         kind="mesh",
         vertices=result.vertices,

@@ -12,7 +12,7 @@ from b23d.schemas.keypoints import Keypoints
 from b23d.stages.describe import DescribeParams, describe
 from b23d.stages.geometry.keypoints import keypoint_candidates
 from b23d.stages.geometry.nearest import nearest_on_faces
-from b23d.stages.geometry.watertight import LEAK, uneven_edges, watertight
+from b23d.stages.geometry.watertight import LEAK, one_closed_surface, uneven_edges, watertight
 from tests.made_shapes import of_cloud, of_mesh, on_surface
 from tests.shared_data import shared
 
@@ -129,6 +129,24 @@ def test_a_cloud_on_the_mesh_stays_and_is_tied_to_the_closed_one() -> None:
 def test_a_bare_cloud_stays_as_it_is() -> None:
     points = np.random.default_rng(0).normal(size=(50, 3))
     assert np.array_equal(of_cloud(points, watertight=True).points, of_cloud(points).points)
+
+
+def test_one_closed_surface_stays_as_it_is() -> None:
+    """So that asking for watertight meshes changes nothing, and encodes nothing again, where they are."""
+    closed = of_mesh(BALL.vertices * 7, BALL.faces, watertight=True)
+    plain = of_mesh(BALL.vertices * 7, BALL.faces)
+    assert np.array_equal(closed.vertices, plain.vertices) and np.array_equal(closed.points, plain.points)
+    assert closed.repairs == plain.repairs
+
+
+@pytest.mark.parametrize(
+    "faces", [BALL.faces[:, ::-1], BALL.faces[1:], BOWL], ids=["inside out", "a face missing", "half"]
+)
+def test_what_is_not_one_closed_surface_is_replaced(faces: np.ndarray) -> None:
+    assert one_closed_surface(BALL.vertices, BALL.faces)
+    assert not one_closed_surface(BALL.vertices, faces) and not one_closed_surface(CROSS.vertices, CROSS.faces)
+    shape = of_mesh(BALL.vertices, faces, watertight=True, watertight_resolution=16)
+    assert shape.repairs["watertight_faces"] == len(shape.faces)
 
 
 def test_heat_crosses_parts_that_only_overlap() -> None:

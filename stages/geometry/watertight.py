@@ -92,6 +92,25 @@ def uneven_edges(faces: np.ndarray) -> int:
     return int((faces_of_edge != 2).sum())
 
 
+def one_closed_surface(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Whether a mesh is one connected closed surface already, its faces wound outwards all round."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    starts = faces.reshape(-1).astype(np.int64)
+    ends = np.roll(faces, -1, axis=1).reshape(-1).astype(np.int64)
+    count = int(faces.max()) + 1
+    there, back = np.sort(starts * count + ends), np.sort(ends * count + starts)
+    each_edge_once_each_way = bool((np.diff(there) > 0).all()) and np.array_equal(there, back)
+    if not each_edge_once_each_way:
+        return False
+    links = coo_array((np.ones(len(starts), bool), (starts, ends)), shape=(count, count))
+    parts = connected_components(links, directed=False)[1]
+    a, b, c = vertices[faces].astype(np.float64).transpose(1, 0, 2)
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    return len(np.unique(parts[faces])) == 1 and volume > 0
+
+
 def _level(
     vertices: np.ndarray, faces: np.ndarray, origin: np.ndarray, size: tuple[int, ...], cell: float
 ) -> tuple[np.ndarray, np.ndarray]:
