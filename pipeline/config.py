@@ -57,7 +57,8 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     tls = table_in(table_in(tables, "execution"), "tls")
     tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
     place_store(tables, path)
-    tables.setdefault("outputs", default_outputs())
+    if "outputs" not in tables:
+        tables["outputs"] = default_outputs()
     file = validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
     stages = _needed(file, installed)

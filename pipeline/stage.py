@@ -17,10 +17,11 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, entry_points
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from b23d.pipeline.errors import MissingPackageError
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params
 
@@ -101,8 +102,11 @@ def stage(
 
 
 def load_stages() -> dict[str, Stage]:
-    """Every installed stage: import what the entry-point group `b23d.stages` names. The engine names none itself."""
-    for plugin in entry_points(group="b23d.stages"):
+    """Every installed stage: import what the entry-point group `b23d.stages` names. The engine names none itself.
+
+    Raises MissingPackageError where the group is empty.
+    """
+    for plugin in _declared("b23d.stages"):
         plugin.load()
     return STAGES
 
@@ -114,8 +118,22 @@ def load_stages_once() -> dict[str, Stage]:
 
 
 def default_outputs() -> list[str]:
-    """What a run wants that does not say: the lists of stages that the entry-point group `b23d.outputs` names."""
-    return [name for plugin in entry_points(group="b23d.outputs") for name in plugin.load()]
+    """What a run wants that does not say: the lists of stages that the entry-point group `b23d.outputs` names.
+
+    Raises MissingPackageError where the group is empty: a run of nothing would end well.
+    """
+    return [name for plugin in _declared("b23d.outputs") for name in plugin.load()]
+
+
+def _declared(group: str) -> EntryPoints:
+    """What the installed packages declare. An editable install keeps the groups of the day it was made."""
+    found = entry_points(group=group)
+    if not found:
+        raise MissingPackageError(
+            f"entry points {group}: expected those that b23d declares, got none; the installation is older than the "
+            "code: install it again (`pip install -e .` where it is a checkout)"
+        )
+    return found
 
 
 def _input(stage_name: str, argument: str, annotation: Any) -> Input:

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.params import Params, Unhashed, When
 from b23d.schemas.views import Views, ViewTokens
-from b23d.stages.encoders.names import known_name
+from b23d.stages.encoders.names import family_of, known_name
 from b23d.stages.encoders.weights import find_checkpoint
 
 
@@ -59,10 +59,17 @@ class ExtractParams(Params):
     two thirds, but for a few of them. Convolutions and SAM's windows need the whole picture: they keep tokens of
     the foreground and of the patches around it, and these are the same as with "all"."""
     foreground: Annotated[Foreground, When(tokens="foreground")] = Foreground()
+    """Of no account for SAM and EfficientNet."""
     precision: Literal["auto", "bf16", "fp32"] = "auto"
     """Of weights and arithmetic. auto: bf16 for transformers on machines that are fast at it (AMX, AVX-512 bf16, CUDA),
     else fp32; convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999), so that
     results of `auto` agree between machines only to that; give fp32 for agreement to float16's rounding."""
+
+    def counts(self, name: str) -> bool:
+        """As everywhere; `foreground` does not where the encoder's name says that it sees whole pictures. A folder's
+        encoder is what its files say, which planning does not read."""
+        family = family_of(self.encoder) if self.weights is None else None
+        return super().counts(name) and not (name == "foreground" and family is not None and family.whole)
 
     @field_validator("encoder")
     @classmethod

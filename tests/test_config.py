@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 
 from b23d.pipeline.config import Carried, load_config, refuse_unused
-from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.errors import MissingPackageError, RunFileError
 from b23d.pipeline.members import members
 from tests.toy import make_toy
 
@@ -139,3 +140,21 @@ def test_every_run_file_and_every_run_of_its_series_is_valid(path: Path) -> None
     config = load_config(path)
     for member in members(config):
         assert load_config(path, member.overrides).overrides
+
+
+@pytest.mark.parametrize("group", ["b23d.outputs", "b23d.stages"])
+def test_an_installation_older_than_the_code_says_so(
+    group: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run of no outputs, or of no stages, must not end well."""
+    path = make_toy(tmp_path)
+    path.write_text(re.sub(r"(?m)^outputs = .*\n", "", path.read_text()))
+    monkeypatch.setattr(
+        "b23d.pipeline.stage.entry_points",
+        lambda group: () if group == hidden else entry_points(group=group),
+    )
+    hidden = "none"
+    assert load_config(path).file.outputs
+    hidden = group
+    with pytest.raises(MissingPackageError, match=rf"{re.escape(group)}.*install it again"):
+        load_config(path)

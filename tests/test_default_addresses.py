@@ -23,7 +23,7 @@ CHANGED = {
     "backproject": "`depth_tolerance` moved into the table of the visibility that uses it",
     "calibrate": "the options of iss, harris and sift moved into their tables: under farthest none changed anything",
     "describe": "the options of hks, wks and shot moved into their tables",
-    "extract": "version 2: only tokens of the foreground are made and stored; `tokens` and `foreground` are new",
+    "extract": "version 2: only tokens of the foreground are made and stored; `tokens` is new",
     "geodesic": "version 2: landmarks stand for more than 8,192 candidates; the options moved into the methods' tables",
     "import_predictions": "`spacing` and `origin` moved into the table of the one format that uses them",
     "normalize": "version 2: concave polygons, glTF and text files are read otherwise; `watertight_resolution` dropped "

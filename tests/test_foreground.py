@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from b23d.stages.backproject import BackprojectParams, backproject
 from b23d.stages.encoders.encoder import Encoder
 from b23d.stages.encoders.interface import Backbone, Pixels
 from b23d.stages.encoders.load import load_encoder
+from b23d.stages.encoders.names import FAMILIES
 from b23d.stages.encoders.patches import foreground_patches, nearest_kept, with_background, with_ring
 from b23d.stages.encoders.weights import find_checkpoint
 from b23d.stages.extract import ExtractParams, Foreground, extract
@@ -225,3 +227,22 @@ def test_transformers_keep_tokens_of_the_foreground(
     for changed in (Foreground(background=20), Foreground(seed=1), "all"):
         other = extract(box[1], params.model_copy(update={"tokens" if changed == "all" else "foreground": changed}))
         assert (other.grid()[found.kept] != found.tokens).any()
+
+
+@pytest.mark.parametrize("family", TINY)
+def test_what_a_transformer_sees_besides_enters_addresses_of_transformers_alone(family: str, tmp_path: Path) -> None:
+    folder = save(family, tmp_path)
+    size = TINY[family].size if family.startswith("dino") else None
+    encoder = load_encoder(find_checkpoint("test/any", folder), input_size=size, precision="fp32")
+    architecture = json.loads((folder / "config.json").read_text())["model_type"]
+    (known,) = (one for one in FAMILIES if architecture in one.model_type)
+    assert known.whole == encoder.whole
+    for name in known.hub:
+        params = ExtractParams(encoder=name)
+        assert ("foreground" in params.hashed()) == (not encoder.whole)
+        assert "foreground" in params.model_copy(update={"weights": folder}).hashed()
+
+
+def test_the_default_encoder_sees_whole_pictures() -> None:
+    assert "foreground" not in ExtractParams().hashed()
+    assert "foreground" in ExtractParams(encoder="saliency-vit-s14").hashed()

@@ -35,6 +35,8 @@ class Family:
     """Short name → name on the Hugging Face hub. A checkpoint without a short name goes by its hub name `org/name`."""
     packages: Mapping[str, Package] = field(default_factory=dict)
     """Name → package that ships the weights."""
+    whole: bool = False
+    """The network is always given the whole picture, as `Backbone.whole` says."""
 
 
 LITE0 = Package(
@@ -57,7 +59,7 @@ def _sizes(short: str, hub: str, *sizes: str) -> dict[str, str]:
 
 
 FAMILIES: tuple[Family, ...] = (
-    Family("efficientnet_lite0", packages={"efficientnet-lite0": LITE0}),
+    Family("efficientnet_lite0", packages={"efficientnet-lite0": LITE0}, whole=True),
     Family("saliency_vit", packages={"saliency-vit-s14": SALIENCY}),
     Family("dinov2", ("dinov2",), _sizes("dinov2-{}", "facebook/dinov2-{}", "small", "base", "large", "giant")),
     Family(
@@ -83,7 +85,12 @@ FAMILIES: tuple[Family, ...] = (
         ("clip", "clip_vision_model"),
         _sizes("clip-vit-{}", "openai/clip-vit-{}", "base-patch16", "large-patch14"),
     ),
-    Family("sam", ("sam", "sam_vision_model"), _sizes("sam-vit-{}", "facebook/sam-vit-{}", "base", "large", "huge")),
+    Family(
+        "sam",
+        ("sam", "sam_vision_model"),
+        _sizes("sam-vit-{}", "facebook/sam-vit-{}", "base", "large", "huge"),
+        whole=True,
+    ),
     # The fixed-resolution SigLIP 2 checkpoints have SigLIP's architecture, and say so in their config.json.
     Family(
         "siglip",
@@ -97,7 +104,7 @@ FAMILIES: tuple[Family, ...] = (
             "base-patch16-naflex",
         ),
     ),
-    Family("efficientnet", ("efficientnet",), {"efficientnet-b4": "google/efficientnet-b4"}),
+    Family("efficientnet", ("efficientnet",), {"efficientnet-b4": "google/efficientnet-b4"}, whole=True),
 )
 
 
