@@ -187,7 +187,7 @@ def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
         return _KEPT[key]
     artifact = store.read(item.stage, item.address, schema)
     if item.keep:
-        _KEPT[key] = artifact
+        _KEPT[key] = artifact.locked()
         while len(_KEPT) > KEEP:
             _KEPT.popitem(last=False)
     return artifact

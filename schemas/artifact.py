@@ -61,6 +61,15 @@ class Artifact(BaseModel):
         artifact._read = read
         return cast(Self, artifact)
 
+    def locked(self) -> Self:
+        """Itself, its arrays read-only from now on: for one that many share."""
+        for name in self.array_specs():
+            if isinstance(value := self.__dict__.get(name), np.ndarray):
+                value.flags.writeable = False
+        if (read := self._read) is not None:
+            self._read = lambda name: _read_only(read(name))
+        return self
+
     @classmethod
     @cache
     def _plain_model(cls) -> type[BaseModel]:
@@ -113,3 +122,8 @@ def _check(name: str, value: np.ndarray, spec: ArraySpec, lengths: dict[str, int
                 f"{name}: expected {spec} with {dim} = {wanted}, got shape {value.shape}; "
                 "arrays of one artifact must agree"
             )
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array

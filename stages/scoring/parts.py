@@ -11,8 +11,7 @@ import numpy as np
 from b23d.schemas.scores import PartClass, PartScore, PartTable, Spread
 
 if TYPE_CHECKING:
-    from rich.markup import escape
-from rich.table import Table
+    from rich.table import Table
 
 PartRow = tuple[str, int, str, PartScore]
 """Category, draw, shape, score."""
@@ -60,6 +59,7 @@ def part_table(run: str, rows: Iterable[PartRow]) -> PartTable:
 def render(table: PartTable, coverage: str = "") -> Table:
     """One row a class, then the average over classes and over shapes; IoU in percent, as the literature has it, ± sd
     over draws."""
+    from rich.markup import escape
     from rich.table import Table
 
     result = Table(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from b23d.stages.solvers.objective import Problem
+from b23d.stages.solvers.remembering import once
 from b23d.stages.solvers.scaling import largest_distance, scale_distances, scale_features
 from b23d.stages.solvers.shots import KnownShape, Shot
 from b23d.stages.solvers.template import AtKeypoints, Template, combine_shots, smooth_among
@@ -21,7 +22,7 @@ def pose(target: KnownShape, shots: Sequence[Shot], objective: Objective) -> tup
 
     Raises ValueError: several shots of which no two share an id; features of another encoder than the shots'.
     """
-    template = combine_shots([_at_keypoints(shot, objective) for shot in shots], objective.combine, objective.mask)
+    template = once(template_of, shots, objective)
     features, distances = _scaled(target, objective)
     if features.shape[1] != template.features.shape[1]:
         raise ValueError(
@@ -33,6 +34,11 @@ def pose(target: KnownShape, shots: Sequence[Shot], objective: Objective) -> tup
     if unreachable.any():
         distances[unreachable] = largest_distance(distances)
     return template, Problem(features, distances, template.features, template.distances, template.mask, objective.alpha)
+
+
+def template_of(shots: Sequence[Shot], objective: Objective) -> Template:
+    """What the shots ask for, the same for every target, so asked for by `once`."""
+    return combine_shots([_at_keypoints(shot, objective) for shot in shots], objective.combine, objective.mask)
 
 
 def _at_keypoints(shot: Shot, objective: Objective) -> AtKeypoints:

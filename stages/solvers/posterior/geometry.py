@@ -51,7 +51,7 @@ def prepare(
     position = ((points - (low + high) / 2) / scale).astype(np.float32)
     sides = ((high - low) / scale).astype(np.float32)
     largest = float(distances.max()) or 1.0
-    relative = (distances / largest).astype(np.float32)
+    relative = (distances / largest).astype(np.float32, copy=False)
     shift, local = local_geometry(position, radii)
     eccentricity = relative.mean(1)
     geometry = np.concatenate([local, (eccentricity / max(float(eccentricity.mean()), 1e-12))[:, None]], 1).astype(
