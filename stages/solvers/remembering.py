@@ -16,15 +16,15 @@ from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params
 from b23d.stages.solvers.shots import Shot
 
-Options = TypeVar("Options", bound=Params)
-Made = TypeVar("Made")
+_Options = TypeVar("_Options", bound=Params)
+_Made = TypeVar("_Made")
 KEEP = 64
 """Results at hand, of the last draws used; each is a model of some keypoints, well below 1 MB."""
 
 _kept: OrderedDict[Hashable, tuple[list[weakref.ref[Artifact]], Any]] = OrderedDict()
 
 
-def once(make: Callable[[Sequence[Shot], Options], Made], shots: Sequence[Shot], options: Options) -> Made:
+def once(make: Callable[[Sequence[Shot], _Options], _Made], shots: Sequence[Shot], options: _Options) -> _Made:
     """`make(shots, options)`, or what it gave for them before. It must depend on nothing else, and what it gives must
     not be changed."""
     artifacts: list[Artifact] = []
@@ -45,7 +45,7 @@ def once(make: Callable[[Sequence[Shot], Options], Made], shots: Sequence[Shot],
     _kept[key] = of, made
     while len(_kept) > KEEP:
         _kept.popitem(last=False)
-    result: Made = made
+    result: _Made = made
     return result
 
 
