@@ -132,6 +132,14 @@ def test_mistakes_are_refused_with_their_cause(mistake: str, kind: str, mesh: No
     assert check(corners(), shape).warnings == []
 
 
+@pytest.mark.parametrize("place", [1e12, 1e160, -1e300])
+def test_keypoints_at_no_place_at_all_are_refused_by_name(place: float, mesh: NormalizedShape) -> None:
+    positions = corners()
+    positions[3, 1] = place
+    with pytest.raises(ValueError, match=r"got keypoint 3 at \(.*, more than 1e\+09 longest sides away; mend"):
+        check(positions, mesh)
+
+
 def test_a_known_mistake_is_refused_though_it_moves_little(mesh: NormalizedShape) -> None:
     """Scaled to longest side 1 about the shape's own middle: no keypoint is `refuse` away, yet all are wrong."""
     with pytest.raises(ValueError, match="normalised to longest side 1"):

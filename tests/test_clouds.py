@@ -111,6 +111,7 @@ def test_arrays_of_every_type_and_order(kind: str, order: str) -> None:
     ("arrays", "words"),
     [
         ({"points": np.zeros((3, 600))}, r"points: expected an array \(n, 3\), got \(3, 600\), which looks transposed"),
+        ({"points": np.zeros((3, 8))}, r"points: .* looks transposed; save points.T"),
         ({"xyz": np.zeros((6, 99))}, r"xyz: .* looks transposed; save xyz.T"),
         (
             {"a": np.zeros((5, 3)), "b": np.zeros((5, 3))},
@@ -132,3 +133,15 @@ def test_a_pcd_of_an_unknown_type_is_refused_by_its_name(kind: bytes) -> None:
     head = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F %s\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n" % kind
     with pytest.raises(ValueError, match=r"class/shape: c.pcd: header: expected .*TYPE.* got TYPE"):
         cloud(head + b"0 0 0\n", "c.pcd")
+
+
+def test_bytes_behind_the_points_of_a_pcd_are_counted_or_refused() -> None:
+    head = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 4\nDATA %b\n"
+    binary = head % b"binary" + POINTS.astype("<f4").tobytes()
+    packed = lzf(POINTS.T.astype("<f4").tobytes())
+    compressed = head % b"binary_compressed" + len(packed).to_bytes(4, "little") + (48).to_bytes(4, "little") + packed
+    for made in (binary, compressed):
+        assert cloud(made, "c.pcd").problems == {}
+        assert cloud(made + bytes(4096), "c.pcd").problems == {"trailing_bytes": 4096}
+    with pytest.raises(ValueError, match=r"c\.pcd: header: expected 3 points, as it says, got a file that holds 4"):
+        cloud(binary.replace(b"POINTS 4", b"POINTS 3"), "c.pcd")

@@ -108,6 +108,17 @@ def test_scenes() -> None:
     assert surface(document.glb(), "m.glb").vertices[:, 0].min() == 20
 
 
+def test_hidden_nodes_and_what_is_below_them_are_not_drawn() -> None:
+    document = Gltf()
+    document.mesh()
+    document.tree["nodes"] = [{"mesh": 0, "translation": [10 * i, 0, 0]} for i in range(4)]
+    document.tree["scenes"] = [{"nodes": [0, 1, 3]}]
+    document.tree["nodes"][1] |= {"children": [2], "extensions": {"KHR_node_visibility": {"visible": False}}}
+    document.tree["nodes"][3]["extensions"] = {"KHR_node_visibility": {"visible": True}}
+    document.tree["extensionsRequired"] = ["KHR_node_visibility"]
+    assert sorted({*surface(document.glb(), "m.glb").vertices[:, 0]}) == [0, 1, 30, 31]
+
+
 def test_instances_share_a_mesh_and_mirrors_keep_outside_out() -> None:
     document = Gltf()
     document.mesh()

@@ -84,6 +84,8 @@ def test_the_set_of_coordinates_that_the_texture_asks_for() -> None:
     base["extensions"] = {"KHR_texture_transform": {"texCoord": 2}}
     attributes["TEXCOORD_2"] = document.accessor((place(0.75, 0.25) * 65535).astype(np.uint16), normalized=True)
     assert seen(document) == GREEN
+    base["extensions"]["KHR_texture_transform"]["texCoord"] = 3
+    assert surface(document.glb(), "m.glb").problems == {"missing_texture_coordinates": 1}
 
 
 @pytest.mark.parametrize("kind", ["webp", "jpeg"])

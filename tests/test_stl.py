@@ -61,6 +61,8 @@ def test_every_spelling(data: st.DataObject) -> None:
         (binary(count=0), {"triangle_count": 1}),
         (binary(count=1), {"triangle_count": 1}),
         (binary() + b"12345", {"trailing_bytes": 5}),
+        (text().replace(b"endsolid a", b""), {"no_endsolid": 1}),
+        (text(CORNERS[:1]) + text(CORNERS[1:]).replace(b"endsolid a", b""), {"no_endsolid": 1}),
     ],
 )
 def test_what_a_header_gets_wrong_is_counted(data: bytes, problems: dict[str, int]) -> None:

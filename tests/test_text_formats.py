@@ -59,7 +59,7 @@ def test_separators_of_a_cloud(separator: str, decimal: str) -> None:
     """All but the two that cannot be told apart, which are refused."""
     data = "\n".join(rows(separator, decimal)).encode()
     if decimal == "," and "," in separator:
-        with pytest.raises(ValueError, match=r"class/shape: c.xyz: .*line [14]"):
+        with pytest.raises(ValueError, match=r"class/shape: c.xyz: .*line [134]"):
             cloud(data, "c.xyz")
     else:
         assert box(cloud(data, "c.xyz")) == SIDES
@@ -165,6 +165,7 @@ def mtl(name: str, color: str) -> bytes:
         ("mtllib rød.mtl", [unicodedata.normalize("NFD", "rød.mtl")]),
         ("mtllib " + unicodedata.normalize("NFD", "grün.mtl"), ["grün.mtl"]),
         ("mtllib RED.MTL", ["red.mtl"]),
+        ("MTLLIB red.mtl", ["red.mtl"]),
         ("mtllib .\\paints\\red.mtl", ["paints/red.mtl"]),
     ],
 )
@@ -218,3 +219,23 @@ def test_lines_are_counted_behind_continued_ones() -> None:
 def test_xyz_that_contradicts_itself_is_refused_with_the_line(text: str, words: str) -> None:
     with pytest.raises(ValueError, match=f"class/shape: c.xyz: .*{words}"):
         cloud(text.encode(), "c.xyz")
+
+
+def test_an_obj_in_capitals_is_a_mesh_and_no_cloud() -> None:
+    data = b"MTLLIB a.mtl\n" + VERTICES.upper() + (FACES % b"A").upper()
+    read = surface(data, "m.obj", {"a.mtl": b"NEWMTL A\nKD 1 0 0\n"})
+    assert len(read.faces) == len(surface(VERTICES + FACES % b"A", "m.obj").faces)
+    assert read.materials[0].color == (255, 0, 0)
+    assert not read.problems
+
+
+@pytest.mark.parametrize("lines", ["mtllib C:\\paints\\red.mtl", "mtllib /paints/red.mtl", "mtllib red.mtl", ""])
+def test_a_material_that_no_file_has_is_counted(lines: str) -> None:
+    data = lines.encode() + b"\n" + VERTICES + FACES % b"the red one"
+    assert surface(data, "m.obj", {"red.mtl": mtl("another", "1 0 0")}).problems == {"missing_materials": 1}
+
+
+def test_six_columns_of_commas_that_may_be_three_decimals_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"c\.xyz: line 2: points: expected numbers with decimal points"):
+        cloud(b"1,3,0,8,1,0\n1,30,0,80,1,00\n", "c.xyz")
+    assert len(cloud(b"1,3,0,8,1,0\n1,30,0,80,1,10\n", "c.xyz").points) == 2

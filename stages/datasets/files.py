@@ -98,7 +98,7 @@ def _material_lines(obj: str) -> bytes:
         if len(head) < HEAD or b"\0" in head[:HEAD_OF_TEXT]:
             return head + file.read()
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as whole:
-            return b"\n".join(_lines_of(whole, b"mtllib"))
+            return b"\n".join(line for keyword in (b"mtllib", b"MTLLIB") for line in _lines_of(whole, keyword))
 
 
 def _lines_of(text: mmap.mmap, keyword: bytes) -> Iterator[bytes]:

@@ -92,7 +92,7 @@ def read_npz(data: bytes) -> Cloud:
         raise MalformedError(
             "file: expected an npz archive of plain arrays, got something else; write it with numpy.savez"
         ) from error
-    if points.shape[1] > WIDEST and len(points) <= WIDEST:
+    if len(points) <= WIDEST < points.shape[1] or len(points) == 3 < points.shape[1]:
         raise MalformedError(
             f"{name}: expected an array (n, 3), got {points.shape}, which looks transposed; save {name}.T"
         )

@@ -32,7 +32,7 @@ def material_files(obj: bytes) -> list[str]:
 
 def material_lines(obj: bytes) -> list[tuple[str, list[str]]]:
     """Each `mtllib` line of an OBJ: all of it as one name (which may have blanks), and as the several it may be."""
-    lines = re.findall(rb"(?m)^[ \t]*mtllib[ \t]+([^\r\n]+)", unmarked(obj))
+    lines = re.findall(rb"(?mi)^[ \t]*mtllib[ \t]+([^\r\n]+)", unmarked(obj))
     found = []
     for line in dict.fromkeys(lines):
         parts = re.findall(rb'"[^"]+"|\S.*?\.mtl(?=\s|$)|\S+', line, re.IGNORECASE)
@@ -73,8 +73,9 @@ def gltf_json(data: bytes) -> bytes:
 
 
 def uri_names(uri: str) -> list[str]:
-    """The file names that a URI may mean: percent-decoded as the standard wants, and as written."""
-    return list(dict.fromkeys([unquote(uri), uri]))
+    """The file names that a URI may mean: percent-decoded as the standard wants, and as written, also on Windows."""
+    names = [unquote(uri), uri]
+    return list(dict.fromkeys([*names, *(name.replace("\\", "/") for name in names)]))
 
 
 def image_name(line: bytes) -> bytes:

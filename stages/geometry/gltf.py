@@ -134,6 +134,8 @@ def _appearance(
         surface.vertex_colors = tinted(shades, linear)
     elif texture is not None and (name := uv_set(texture)) in attributes:
         surface.face_uvs = moved_uvs(attributes[name][:, :2], texture)[surface.faces]
+    elif texture is not None:
+        surface.count("missing_texture_coordinates", 1)
 
 
 def _bound(vertices: np.ndarray, attributes: dict[str, np.ndarray], joints: np.ndarray) -> np.ndarray:

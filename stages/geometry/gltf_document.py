@@ -25,6 +25,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 GEOMETRY = {
     *("KHR_mesh_quantization", "KHR_texture_transform", "EXT_mesh_gpu_instancing", "KHR_draco_mesh_compression"),
+    "KHR_node_visibility",
     *MESHOPT,
 }
 APPEARANCE = (

@@ -44,8 +44,9 @@ def placed_meshes(document: Document) -> list[Placed]:
 
 
 def _world(document: Document) -> dict[int, np.ndarray]:
-    """Node → its matrix to the world, of all nodes in the scene."""
+    """Node → its matrix to the world, of all nodes in the scene that are shown (KHR_node_visibility)."""
     world: dict[int, np.ndarray] = {}
+    hidden: set[int] = set()
     local = _locals(document)
     waiting = [(root, np.eye(4)) for root in reversed(_roots(document))]
     while waiting:
@@ -54,8 +55,12 @@ def _world(document: Document) -> dict[int, np.ndarray]:
         if index in world:
             raise MalformedError(f"node {index}: expected one place in the scene, got a second; export the shape again")
         world[index] = above @ local[index]
+        if node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True) is False:
+            hidden.add(index)
+        if index in hidden:
+            hidden.update(node.get("children", []))
         waiting += [(child, world[index]) for child in reversed(node.get("children", []))]
-    return world
+    return {index: matrix for index, matrix in world.items() if index not in hidden}
 
 
 def _roots(document: Document) -> list[int]:

@@ -8,6 +8,8 @@ import numpy.typing as npt
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape
 
+FARTHEST = 1e9
+"""Keypoints farther than this, in longest sides, have no known cause; much farther, their squares overflow."""
 MEND = "mend the annotation file, or raise stages.annotation.refuse"
 
 
@@ -62,7 +64,14 @@ def check_annotation(
         return np.zeros(0, np.float32), []
     spacing = _spacing(shape) if "cloud" in (shape.kind, shape.candidates) else 0.0
     slack = spacing if shape.kind == "cloud" else 0.0
-    distances = _surface_distances(shape.to_unit(keypoints.positions), shape, warn + slack)
+    unit = shape.to_unit(keypoints.positions)
+    if (far := np.flatnonzero(np.abs(unit).max(axis=1) > FARTHEST)).size:
+        at = ", ".join(f"{c:.6g}" for c in keypoints.positions[far[0]])
+        raise ValueError(
+            f"expected keypoints on the shape's surface, got keypoint {keypoints.ids[far[0]]} at ({at}), more than "
+            f"{FARTHEST:.0e} longest sides away; {MEND}"
+        )
+    distances = _surface_distances(unit, shape, warn + slack)
     warnings = _on_surface(keypoints, shape, distances, warn + slack, refuse + slack)
     warnings += _as_indexed(keypoints, shape, warn + spacing, refuse + spacing)
     return distances.astype(np.float32), warnings

@@ -22,14 +22,15 @@ def read_mtl(data: bytes, mtl_name: str, files: dict[str, bytes], problems: dict
     current = Material()
     for line in plain(data).split(b"\n"):
         key, _, rest = line.strip().partition(b" ")
+        key = key.lower()
         if key == b"newmtl":
             current = materials[rest.strip()] = Material()
-        elif key == b"Kd" and rest.split()[:1] not in ([b"spectral"], [b"xyz"]):
+        elif key == b"kd" and rest.split()[:1] not in ([b"spectral"], [b"xyz"]):
             values = np.clip(numbers(uncommented(rest), "Kd")[:3], 0, 1)
             if len(values):
                 red, green, blue = (round(float(v) * 255) for v in (values if len(values) == 3 else values[[0, 0, 0]]))
                 current.color = (red, green, blue)
-        elif key.lower() == b"map_kd":
+        elif key == b"map_kd":
             name = relative(folder, image_name(rest))
             image = find(files, name) if name else None
             current.image = decode(image) if image else None

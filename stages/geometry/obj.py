@@ -15,6 +15,9 @@ from b23d.stages.geometry.polygons import check_corners, triangulate
 from b23d.stages.geometry.surface import Cloud, MalformedError, Material, Surface, to_uint8
 from b23d.stages.geometry.text import corners, numbers, plain, tokens_per_line, uncommented, without_commas
 
+CAPITAL = np.uint8(ord("a") - ord("A"))
+"""The bit that a capital letter lacks; a blank has it."""
+
 
 @dataclass
 class Lines:
@@ -40,10 +43,10 @@ class Lines:
         return cls(text, buffer, np.concatenate([[0], ends[:-1]]), ends)
 
     def starting(self, keyword: bytes) -> np.ndarray:
-        """Which lines begin with a keyword of one or two letters and a blank: (lines,) bool."""
+        """Which lines begin with a keyword of one or two letters, small or capital, and a blank: (lines,) bool."""
         chosen = np.ones(len(self.begins), bool)
         for i, letter in enumerate(keyword + b" "):
-            chosen &= self.buffer[np.minimum(self.begins + i, len(self.buffer) - 1)] == letter
+            chosen &= self.buffer[np.minimum(self.begins + i, len(self.buffer) - 1)] | CAPITAL == letter
         return chosen
 
     def block(self, chosen: np.ndarray, what: str) -> KeywordLines:
@@ -52,7 +55,7 @@ class Lines:
         lengths = (self.ends - self.begins)[chosen]
         starts = np.cumsum(lengths) - lengths
         block[starts] = ord(" ")
-        if len(starts) and block[starts[0] + 1] == ord("t"):
+        if len(starts) and block[starts[0] + 1] | CAPITAL == ord("t"):
             block[starts + 1] = ord(" ")
         lines = np.flatnonzero(chosen) + 1
         text = without_commas(uncommented(block.tobytes()), what, lines)
@@ -150,11 +153,16 @@ def _absolute(index: np.ndarray, seen: np.ndarray) -> np.ndarray:
 def _materials(surface: Surface, lines: Lines, face_line: np.ndarray, files: dict[str, bytes]) -> None:
     """Set materials and face_materials from the `usemtl` lines and the MTL files."""
     text = lines.text
-    begins_with_u = lines.buffer[lines.begins] == ord("u")
-    uses = [line for line in np.flatnonzero(begins_with_u) if text.startswith(b"usemtl", lines.begins[line])]
+    begins_with_u = lines.buffer[lines.begins] | CAPITAL == ord("u")
+    key = len(b"usemtl")
+    uses = [
+        line
+        for line in np.flatnonzero(begins_with_u)
+        if text[(begin := lines.begins[line]) : begin + key].lower() == b"usemtl"
+    ]
     if not uses:
         return
-    names = [text[lines.begins[line] + len(b"usemtl") : lines.ends[line]].strip() for line in uses]
+    names = [text[lines.begins[line] + key : lines.ends[line]].strip() for line in uses]
     known: dict[bytes, Material] = {}
     for whole, parts in material_lines(text):
         found: dict[bytes, Material] = {}
@@ -166,6 +174,8 @@ def _materials(surface: Surface, lines: Lines, face_line: np.ndarray, files: dic
                 found.update(read_mtl(mtl, name, files, surface.problems))
         known.update(found)
     order = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    if "missing_material_files" not in surface.problems:
+        surface.count("missing_materials", len(order.keys() - known.keys()))
     surface.materials = [known.get(name, Material()) for name in order]
     of_use = np.array([-1, *(order[name] for name in names)])
     surface.face_materials = of_use[np.searchsorted(uses, face_line)]

@@ -46,7 +46,8 @@ def read_pcd(data: bytes) -> Cloud:
     columns = read(header, body)
     points = np.stack([columns[header.fields.index(axis)] for axis in "xyz"], axis=1).astype(np.float64)
     packed = next((header.fields.index(name) for name in ("rgb", "rgba") if name in header.fields), None)
-    return Cloud(points, None if packed is None or not len(points) else _unpack(columns[packed]))
+    colors = None if packed is None or not len(points) else _unpack(columns[packed])
+    return Cloud(points, colors, problems=_behind(header, body))
 
 
 def _header(data: bytes) -> PcdHeader:
@@ -126,6 +127,22 @@ def _binary(header: PcdHeader, body: bytes) -> list[np.ndarray]:
         raise MalformedError(f"points: expected {header.rows * stride} bytes, got {len(body)}; copy the file again")
     places = np.cumsum(sizes) - sizes
     return [_column(header.rows, t, body, at, stride, n) for t, at, n in zip(header.types, places, sizes, strict=True)]
+
+
+def _behind(header: PcdHeader, body: bytes) -> dict[str, int]:
+    """How many bytes stand behind the points. Raises MalformedError where they would be more points."""
+    if header.encoding == "ascii":
+        return {}
+    stride = sum(count * kind.itemsize for count, kind in zip(header.counts, header.types, strict=True))
+    packed = header.encoding == "binary_compressed"
+    used = 8 + int.from_bytes(body[:4], "little") if packed else header.rows * stride
+    behind = body[used:]
+    if not packed and len(behind) >= stride and any(behind):  # nothing but zeros is a writer's padding
+        raise MalformedError(
+            f"header: expected {header.rows} points, as it says, got a file that holds {len(body) // stride}; "
+            "convert it again"
+        )
+    return {"trailing_bytes": len(behind)} if behind else {}
 
 
 def _compressed(header: PcdHeader, body: bytes) -> list[np.ndarray]:

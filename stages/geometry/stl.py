@@ -20,8 +20,8 @@ NAMES = re.compile(rb"(?m)^(?:end)?solid\b(?:(?!\bfacet\s+normal\b)[^\n])*")
 def read_stl(data: bytes) -> Surface:
     """The triangles of an STL in the file's order; of several solids, all. Colours (in no standard) are not read.
 
-    Raises MalformedError. A wrong count in a binary header is mended where the file's length leaves no doubt, and
-    counted in `problems`.
+    Raises MalformedError. A wrong count in a binary header is mended where the file's length leaves no doubt; that, and
+    a text without its last line, is counted in `problems`.
     """
     text = unmarked(data)
     looks_like_text = text[:512].lstrip()[:5].lower() == b"solid" and b"\0" not in text[:HEADER]
@@ -62,7 +62,9 @@ def _binary(data: bytes) -> Surface:
 
 
 def _ascii(text: bytes) -> Surface:
-    text = NAMES.sub(b"", text.lower())
+    text = text.lower()
+    ended = text.find(b"endsolid", text.rfind(b"endfacet")) >= 0  # else the file may have been cut between two facets
+    text = NAMES.sub(b"", text)
     if (first := text.find(b"vertex")) < 0:
         raise MalformedError("data: expected facets with vertices, got none; restore the mesh or remove the shape")
     found = list(VERTEX.finditer(text, first))
@@ -84,7 +86,7 @@ def _ascii(text: bytes) -> Surface:
         raise MalformedError(
             f"line {np.searchsorted(ends, facet) + 1}: facet: expected 3 vertices, got {got}; copy or export it again"
         )
-    return _surface(values.reshape(-1, 3), {})
+    return _surface(values.reshape(-1, 3), {} if ended else {"no_endsolid": 1})
 
 
 def _surface(vertices: np.ndarray, problems: dict[str, int]) -> Surface:

@@ -48,8 +48,11 @@ def without_commas(text: bytes, what: str, lines: LineNumbers = FROM_ONE) -> byt
     blank = re.search(rb"[^\s,] +[^\s,]", text)
     beside = re.search(rb", +[^\s,]| ,", text)
     points = b"." in text
-    if inside is None or not re.search(rb"(?<!\S)[^\s,]+,[^\s,]+,?(?!\S)", text):  # `1, 2, 3`; `1,2,3 255 0 0`
+    alone = re.search(rb"(?<!\S)[^\s,]+,[^\s,]+,?(?!\S)", text)
+    split = None if points or blank else re.search(rb",0\d", text)  # `0,05,1,25,2,00`
+    if inside is None or (alone is None and split is None):  # `1, 2, 3`; `1,2,3 255 0 0`
         return text.replace(b",", b" ")
+    inside = split if alone is None else inside
     if blank is None and beside is None and (points or not (inside := re.search(rb",0\d", text))):
         return text.replace(b",", b" ")  # `1,2,3`
     if blank is None and beside is not None and points:
