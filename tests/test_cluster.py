@@ -7,13 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import dask
-import distributed  # noqa: F401 its settings must be there before they are changed
+import distributed
 import numpy as np
 import psutil
+import pytest
 
+from b23d.pipeline.cluster import _start
+from b23d.pipeline.errors import ClusterError
 from b23d.pipeline.run import Run
 from b23d.pipeline.stage import stage
 from b23d.schemas.params import Params
+from b23d.schemas.runfile import Execution
 from tests.toy import Numbers, make_toy
 
 ENVIRON = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -65,3 +69,13 @@ def test_workers_have_one_thread_and_keep_their_memory(tmp_path: Path) -> None:
         assert isinstance(artifact, Numbers)
         np.testing.assert_array_equal(artifact.values, [1, 1, 1, 2**30, 2**30])
     assert dict(os.environ) == before
+
+
+def test_workers_that_die_while_starting_are_said_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def dies(*_: Any, **__: Any) -> None:
+        raise RuntimeError("Nanny failed to start")
+
+    monkeypatch.setattr(distributed, "SpecCluster", dies)
+    with pytest.raises(ClusterError, match=r"got one that died while starting.*--workers 0") as caught:
+        _start(Execution(workers=3))
+    assert caught.value.exit_code == 4
