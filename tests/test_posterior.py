@@ -175,6 +175,22 @@ def test_local_geometry_does_not_change_under_turns_about_up() -> None:
     )
 
 
+def test_local_geometry_is_that_of_all_points_weighted() -> None:
+    """Against sums over all pairs in double precision; one point is so far off that nothing else weighs there."""
+    points = np.random.default_rng(0).normal(0, 0.2, (300, 3))
+    points[7] = 9
+    weights = np.exp(-((points[:, None] - points) ** 2).sum(2) / (2 * (0.1 / 1.5) ** 2))
+    mass = weights.sum(1, keepdims=True)
+    shift = (weights @ points / mass - points) / 0.1
+    shifts, described = local_geometry(points.astype(np.float32), (0.1,))
+    np.testing.assert_allclose(shifts, shift, atol=1e-4)
+    np.testing.assert_allclose(described[:, 0], np.linalg.norm(shift, axis=1), atol=1e-4)
+    np.testing.assert_allclose(described[:, 5:], np.log(mass) - np.log(mass).mean(), atol=1e-4)
+    for i in (0, 150, 299):
+        values = np.linalg.eigvalsh(np.cov(points.T, aweights=weights[i], bias=True))
+        np.testing.assert_allclose(described[i, 2:5], np.sqrt(values) / 0.1, atol=2e-3)
+
+
 def test_the_prior_is_a_covariance() -> None:
     covariance = deformation_covariance(np.random.default_rng(0).uniform(-0.5, 0.5, (12, 3)), PARAMS)
     np.testing.assert_allclose(covariance, covariance.T)

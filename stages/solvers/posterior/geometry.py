@@ -9,6 +9,7 @@ import numpy as np
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 THINNEST = 0.05  # a side thinner than this share of the largest is not stretched to a box's full side
+ROWS = 128  # neighbourhoods summed at once, so that a processor's cache holds them
 NOTHING = np.float32(-60)  # exponents below count as this: e^-60 is no part of a sum, but denormal numbers are slow
 
 
@@ -75,16 +76,20 @@ def prepare(
 def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Mean-shift vectors (n, 3 r) and (n, 6 r) of: their length, their height, the neighbourhood's three standard
     deviations, its log mass. Gaussian neighbourhoods of standard deviation radius / 1.5."""
-    square = squared(position, position)
     products = np.stack([position[:, a] * position[:, b] for a, b in PAIRS], 1)
     moments = np.concatenate([np.ones_like(position[:, :1]), position, products], 1)
+    sums = np.empty((len(radii), *moments.shape), moments.dtype)
+    for start in range(0, len(position), ROWS):
+        rows = slice(start, start + ROWS)
+        square = squared(position[rows], position)
+        for among, radius in zip(sums, radii, strict=True):
+            exponents = square * np.float32(-1 / (2 * (radius / 1.5) ** 2))
+            np.maximum(exponents, NOTHING, out=exponents)
+            among[rows] = np.exp(exponents, out=exponents) @ moments
     shifts, descriptors = [], []
-    for radius in radii:
-        exponents = square * np.float32(-1 / (2 * (radius / 1.5) ** 2))
-        np.maximum(exponents, NOTHING, out=exponents)
-        sums = np.exp(exponents, out=exponents) @ moments
-        mass = sums[:, :1]
-        mean, second = sums[:, 1:4] / mass, sums[:, 4:] / mass
+    for among, radius in zip(sums, radii, strict=True):
+        mass = among[:, :1]
+        mean, second = among[:, 1:4] / mass, among[:, 4:] / mass
         covariance = np.empty((len(position), 3, 3), position.dtype)
         for j, (a, b) in enumerate(PAIRS):
             covariance[:, a, b] = covariance[:, b, a] = second[:, j] - mean[:, a] * mean[:, b]
