@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shutil
 from collections.abc import Callable
@@ -212,6 +213,9 @@ def test_a_warning_is_told_at_the_end_and_by_the_plan(tmp_path: Path) -> None:
         assert status == 0, told
         assert "! box/b0: expected keypoints on the shape's surface, got keypoint 0" in told
         assert told.count("box/b0: expected") == 1
+    assert invoke("report", str(path), "--out", str(tmp_path / "page.html"))[0] == 0
+    page = html.unescape((tmp_path / "page.html").read_text())
+    assert page.count("<li>box/b0: expected keypoints on the shape's surface, got keypoint 0") == 1
 
 
 def features_only(path: Path) -> Path:

@@ -33,7 +33,7 @@ def test_a_flat_folder_gets_a_run_file_beside_it(here: Path) -> None:
     put(here, {f"my shapes/s{i}.ply": PLY_MESH for i in range(5)})
     output = b23d("init", "my shapes")
     assert "5 shapes of 1 class (ply), none annotated yet" in output
-    assert "next: b23d annotate" in output
+    assert "next: b23d annotate my-shapes.toml   #" in output
     run = planned(here / "my-shapes.toml")
     assert [shape.name for shape in run.shapes] == [f"my shapes/s{i}" for i in range(5)]
     assert run.config.file.shots.count == 3 and run.config.file.shots.draws == [0]

@@ -50,8 +50,6 @@ class Survey:
     classes: list[ClassSurvey]
     problems: list[str]
     """What is wrong with single shapes or entries."""
-    first: str
-    """A shape that can be used, by its name."""
 
     @property
     def shapes(self) -> int:
@@ -93,8 +91,7 @@ def survey(root: Path, watch: Callable[[int, int], None] = lambda done, total: N
         watch(done, len(chosen))
     for name, each in classes.items():
         _summarise(each, measured.get(name, []))
-    first = next((shape.name for shape in shapes if shape.error is None), "")
-    return Survey(dataset, settings, [each for each in classes.values() if each.shapes], problems, first)
+    return Survey(dataset, settings, [each for each in classes.values() if each.shapes], problems)
 
 
 def _layout(root: Path) -> tuple[Dataset, dict[str, Any]]:

@@ -13,6 +13,8 @@ from b23d.stages.geometry.loading import load
 from b23d.stages.geometry.nearest import nearest_on_faces
 from b23d.stages.geometry.surface import Cloud, Surface
 from b23d.stages.normalize import NormalizeParams, normalize
+from b23d.stages.workbench.annotate.snapping import extremity as farthest_out
+from b23d.stages.workbench.annotate.snapping import nearest_to_ray
 from b23d.stages.workbench.pictures.surface import surface_of
 
 DRAWN = 60_000
@@ -79,13 +81,28 @@ class Pickable:
         """Source frame (n, 3) → unit frame, float64."""
         return self.drawn.to_unit(xyz)
 
-    def hit(self, origin: list[float], direction: list[float]) -> Hit | None:
-        """The first place that a ray (unit frame) meets, from either side of a face; None where it meets nothing."""
+    def hit(
+        self, origin: list[float], direction: list[float], within: float = 0.0, extremity: bool = False
+    ) -> Hit | None:
+        """The first place that a ray (unit frame) meets, from either side of a face. Where it meets nothing, the place
+        that looks nearest to it, at most `within` beside it for each unit that it is away; None where there is none.
+        `extremity`: the tip beside that place."""
         start, along = np.asarray(origin, np.float64), np.asarray(direction, np.float64)
         along = along / np.linalg.norm(along)
-        return self._on_mesh(start, along) if len(self.faces) else self._on_cloud(start, along)
+        on_mesh = len(self.faces) > 0
+        found = self._on_mesh(start, along, within) if on_mesh else self._on_cloud(start, along)
+        if found is None or not extremity:
+            return found
+        used = np.unique(self.faces) if on_mesh else np.arange(len(self.vertices))
+        tip = farthest_out(np.asarray(found.unit), self.unit(self.vertices[used]))
+        if tip is None:
+            return found
+        if not on_mesh:
+            return self._found(self.vertices[used[tip]], -along, along, None, {"point_index": int(used[tip])})
+        faces, corners = np.nonzero(self.faces == used[tip])
+        return self._at(int(faces[0]), np.eye(3)[corners[0]], along)
 
-    def _on_mesh(self, start: np.ndarray, along: np.ndarray) -> Hit | None:
+    def _on_mesh(self, start: np.ndarray, along: np.ndarray, within: float) -> Hit | None:
         """Möller and Trumbore, Fast minimum storage ray/triangle intersection (1997), on all faces at once."""
         corners = self.unit(self.vertices[self.faces])  # (f, 3, 3)
         ab, ac, from_a = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], start - corners[:, 0]
@@ -99,12 +116,16 @@ class Pickable:
                 (v >= -1e-9) & (w >= -1e-9) & (v + w <= 1 + 1e-9) & (far > 0)
             )  # a ray along an edge does not slip through
         if not met.any():
-            return None
+            near = nearest_to_ray(start, along, corners, within) if within > 0 else None
+            return None if near is None else self._at(*near, along)
         face = int(np.where(met, far, np.inf).argmin())
         barycentrics = np.clip([1 - v[face] - w[face], v[face], w[face]], 0, 1)
-        barycentrics /= barycentrics.sum()
-        xyz = barycentrics @ self.vertices[self.faces[face]]
-        normal = np.cross(ab[face], ac[face])
+        return self._at(face, barycentrics / barycentrics.sum(), along)
+
+    def _at(self, face: int, barycentrics: np.ndarray, along: np.ndarray) -> Hit:
+        corners = self.vertices[self.faces[face]]
+        xyz, a_b_c = barycentrics @ corners, self.unit(corners)
+        normal = np.cross(a_b_c[1] - a_b_c[0], a_b_c[2] - a_b_c[0])
         where = {"face_index": int(self.file_faces[face]), "face_uv": barycentrics.tolist()}
         return self._found(xyz, normal, along, where, self._nearest_point(xyz))
 

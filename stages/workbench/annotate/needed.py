@@ -1,34 +1,75 @@
-"""Which shape to annotate next, and how many shots a run still wants."""
+"""Which shapes a run still needs annotated, and in which order one walks through them."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 from b23d.pipeline.dataset import Shape
 from b23d.schemas.runfile import Shots
 
 
-def next_needed(shapes: Iterable[Shape], shots: Shots) -> tuple[str, str]:
-    """The name of the next shape, and a line on what is wanted: of the classes that want shots the first, of its shapes
-    the first that `shots.ids` names and that has no annotation, else the first without one; where no shots are wanted,
-    any shape without one (it gets scores then). Raises ValueError where every shape has an annotation.
-    """
+@dataclass(frozen=True)
+class ClassNeeds:
+    """A class as the annotator meets it."""
+
+    category: str
+    order: list[str]
+    """Its shapes that can be read: those that `shots.ids` names first, then by name."""
+    bare: list[str]
+    """Those without keypoints."""
+    needed: list[str]
+    """Those of `bare` of which a shot may be made; none where the class has its shots."""
+    annotated: int
+    shots: int
+
+    @property
+    def told(self) -> str:
+        has = min(self.annotated, self.shots)
+        more = f", {self.annotated - has} more annotated" if self.annotated > has else ""
+        return f"{self.category}: {has} of {self.shots} shots annotated{more}"
+
+
+def class_needs(shapes: Iterable[Shape], shots: Shots, annotated: Callable[[Shape], bool]) -> list[ClassNeeds]:
+    """What every class needs, sorted by its name."""
     classes: dict[str, list[Shape]] = defaultdict(list)
     for shape in shapes:
         if shape.error is None:
             classes[shape.category].append(shape)
-    free: list[tuple[int, str, str]] = []
+    needs = []
     for category, members in sorted(classes.items()):
         named = shots.ids.get(category, [])
-        bare = [shape for shape in members if "keypoints" not in shape.leaves]
-        has = len(members) - len(bare)
+        members = sorted(members, key=lambda shape: (shape.id not in named, shape.name))
+        bare = [shape for shape in members if not annotated(shape)]
+        may = [shape for shape in members if shape.id in named] if named else members
+        has = sum(annotated(shape) for shape in may)
         count = len(named) or shots.count
-        wanted = sum(shape.id in named for shape in bare) if named else max(0, count - has)
-        if bare:
-            first = min(bare, key=lambda shape: (shape.id not in named, shape.name))
-            free.append((wanted, first.name, f"{category}: {has} annotated, {wanted} more of {count} shots wanted"))
-    if not free:
-        raise ValueError("annotate: expected a shape without keypoints, got none; name one to change its keypoints")
-    _, name, told = next((one for one in free if one[0]), free[0])
-    return name, told
+        needed = [shape.name for shape in bare if shape in may] if has < count else []
+        needs.append(ClassNeeds(category, [s.name for s in members], [s.name for s in bare], needed, has, count))
+    return needs
+
+
+def next_needed(needs: list[ClassNeeds]) -> str:
+    """The first shape of which a shot is wanted; where none is, the first without keypoints (it gets scores then).
+    Raises ValueError where every shape has an annotation."""
+    for names in (*(each.needed for each in needs), *(each.bare for each in needs)):
+        if names:
+            return names[0]
+    raise ValueError("annotate: expected a shape without keypoints, got none; name one to change its keypoints")
+
+
+def beside(needs: list[ClassNeeds], name: str) -> tuple[str | None, str | None]:
+    """The shapes before and after one. After: the next that is needed, from the end back to the first; where none is
+    needed, the next at all. Before: the one before that is annotated or needed; where none is needed, any."""
+    order = [shape for each in needs for shape in each.order]
+    needed = {shape for each in needs for shape in each.needed}
+    passed = {shape for each in needs for shape in each.bare} - needed if needed else set()
+    place = order.index(name) if name in order else -1
+    ahead, behind = order[place + 1 :], order[: max(place, 0)]
+    following = (
+        next((shape for shape in ahead + behind if shape in needed), None)
+        if needed - {name}
+        else next(iter(ahead), None)
+    )
+    return next((shape for shape in reversed(behind) if shape not in passed), None), following

@@ -20,6 +20,10 @@ class HitRequest(Request):
 
     origin: Vector
     direction: Vector
+    within: Annotated[Number, Field(ge=0, le=0.2)] = 0.0
+    """A ray that misses takes the surface at most so far beside it, for each unit that it is away."""
+    extremity: bool = False
+    """The tip beside the place is meant."""
 
     @field_validator("direction")
     @classmethod

@@ -9,13 +9,13 @@ from functools import cached_property
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
+from urllib.parse import parse_qs, unquote
 
 from pydantic import ValidationError
 
 from b23d.stages.workbench.annotate.entries import ConflictError, StaleError
 from b23d.stages.workbench.annotate.requests import HitRequest, SaveRequest, told
-from b23d.stages.workbench.annotate.session import Session
+from b23d.stages.workbench.annotate.walk import Walk
 
 HERE = Path(__file__).parent
 REPORT = HERE.parent / "report" / "static"
@@ -32,13 +32,13 @@ LARGEST = 10_000_000  # bytes of a request
 
 
 class AnnotationServer(ThreadingHTTPServer):
-    """Serves one session at `url` until `shutdown`."""
+    """Serves a walk at `url` until `shutdown`: its first shape, another where the address ends in `?shape=<name>`."""
 
     daemon_threads = True
 
-    def __init__(self, session: Session, port: int = 0) -> None:
+    def __init__(self, walk: Walk, port: int = 0) -> None:
         """`port` 0: the system chooses. Raises OSError where the port is taken."""
-        self.session, self.token = session, secrets.token_urlsafe(16)
+        self.walk, self.token = walk, secrets.token_urlsafe(16)
         super().__init__(("127.0.0.1", port), Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -63,7 +63,7 @@ class Handler(BaseHTTPRequestHandler):
     """Seconds: who promises bytes and sends none is not waited for longer."""
 
     def do_GET(self) -> None:
-        path = self._path()
+        path, walk = self._path(), self.server.walk
         if path is None:
             return
         if path in FILES:
@@ -72,25 +72,31 @@ class Handler(BaseHTTPRequestHandler):
         elif path == "plotly.js":
             self._send(200, self.server.plotly, "text/javascript")
         elif path == "state":
-            self._answer(self.server.session.page)
+            self._answer(lambda: walk.page(self._shape()))
         elif path.startswith("reference/"):
-            self._answer(lambda: self.server.session.reference(unquote(path.removeprefix("reference/"))))
+            self._answer(lambda: walk.at(self._shape()).reference(unquote(path.removeprefix("reference/"))))
         else:
             self._send(404, b"no such page", "text/plain")
 
     def do_POST(self) -> None:
-        path, session = self._path(), self.server.session
+        path, walk = self._path(), self.server.walk
         if path is None:
             return
         body = self._body()
         if body is None:
             return
         if path == "hit":
-            self._answer(lambda: session.hit(**HitRequest.model_validate_json(body).model_dump(exclude_unset=True)))
+            self._answer(lambda: walk.at(self._shape()).hit(**HitRequest.model_validate_json(body).model_dump()))
         elif path == "save":
-            self._answer(lambda: session.save(**SaveRequest.model_validate_json(body).model_dump(exclude_unset=True)))
+            self._answer(
+                lambda: walk.save(self._shape(), **SaveRequest.model_validate_json(body).model_dump(exclude_unset=True))
+            )
         else:
             self._send(404, b"no such page", "text/plain")
+
+    def _shape(self) -> str | None:
+        """The shape that the page shows; None: the first."""
+        return parse_qs(self.path.partition("?")[2]).get("shape", [None])[0]
 
     def _body(self) -> bytes | None:
         """What was sent; None, answered, where it is no JSON of a size that a page sends."""

@@ -14,6 +14,7 @@ import numpy as np
 from b23d.pipeline.dataset import Dataset, Leaf, Shape
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import Source
+from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.workbench.annotate.entries import (
     ConflictError,
     Edited,
@@ -55,6 +56,7 @@ class Session:
         """All the page needs: the shape, its keypoints, the class's ids, which shapes may stand beside."""
         on_disk = find(read_entries(self.path), self._owns)
         counts: Counter[int] = Counter()
+        called = keypoint_names(self.peers).get(self.shape.category, {})
         names = []
         for peer, keypoints in self._annotated():
             counts.update(keypoints.ids.tolist())
@@ -66,7 +68,7 @@ class Session:
             "shape": self._drawing(self.pickable),
             "given": tag(on_disk),
             "keypoints": self._keypoints(on_disk or self.first),
-            "ids": [{"id": i, "count": n} for i, n in sorted(counts.items())],
+            "ids": [{"id": i, "count": n, "name": called.get(i, "")} for i, n in sorted(counts.items())],
             "peers": len(names),
             "references": sorted(name for _, name in names)[:REFERENCES],
             "reference": best,
@@ -80,12 +82,18 @@ class Session:
         pickable = Pickable.load(_read(peer.leaves["source"]))
         keypoints = _read(peer.leaves["keypoints"])
         unit = pickable.unit(keypoints.positions)
-        listed = [{"id": int(i), "unit": at.tolist()} for i, at in zip(keypoints.ids, unit, strict=True)]
+        ids, places = keypoints.ids.tolist(), keypoints.positions.tolist()
+        listed = [
+            {"id": i, "unit": at, "at": {"xyz": xyz}, "name": keypoints.names.get(i, "")}
+            for i, at, xyz in zip(ids, unit.tolist(), places, strict=True)
+        ]
         return {"name": name, "shape": self._drawing(pickable), "keypoints": listed}
 
-    def hit(self, origin: list[float], direction: list[float]) -> dict[str, Any] | None:
-        """Where a ray from the viewer (unit frame) lands."""
-        found = self.pickable.hit(origin, direction)
+    def hit(
+        self, origin: list[float], direction: list[float], within: float = 0.0, extremity: bool = False
+    ) -> dict[str, Any] | None:
+        """Where a ray from the viewer (unit frame) lands, as `Pickable.hit`."""
+        found = self.pickable.hit(origin, direction, within, extremity)
         return None if found is None else asdict(found)
 
     def save(self, keypoints: list[dict[str, Any]], given: str, force: bool = False) -> dict[str, Any]:

@@ -18,7 +18,9 @@ def annotate(
     run: RunPath,
     shape: Annotated[
         str | None,
-        typer.Argument(metavar="SHAPE", help="<class>/<id>, annotated already or not. Default: the next one needed."),
+        typer.Argument(
+            metavar="SHAPE", help="<class>/<id> to begin with, annotated already or not. Default: the next one needed."
+        ),
     ] = None,
     set: Set = [],
     store: StoreUrl = None,
@@ -32,18 +34,17 @@ def annotate(
     ] = None,
 ) -> None:
     """Click keypoints on a shape, another annotated shape of its class beside it; saved in KeypointNet's JSON form."""
-    from b23d.stages.workbench.annotate.needed import next_needed
     from b23d.stages.workbench.annotate.server import AnnotationServer
-    from b23d.stages.workbench.annotate.session import Session
+    from b23d.stages.workbench.annotate.walk import Walk
 
     console = Console()
     loaded = Run.load(run, set, store)
-    if shape is None:
-        shape, told = next_needed(loaded.shapes, loaded.config.file.shots)
-        console.print(told, highlight=False, markup=False, soft_wrap=True)
-    session = Session(loaded.config.dataset, loaded.shapes, shape, keypoints)
-    with AnnotationServer(session, port) as server:
+    walk = Walk(loaded, shape, keypoints)
+    session = walk.at()
+    told = walk.around(session.shape.name)["told"]
+    with AnnotationServer(walk, port) as server:
         console.print(f"annotate {session.shape.name} at {server.url}", highlight=False, markup=False, soft_wrap=True)
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
         console.print(f"saves to {session.path}; Ctrl+C here when done", highlight=False, markup=False, soft_wrap=True)
         if not session.own:
             hint = (

@@ -73,14 +73,12 @@ def next_steps(found: Survey, path: Path) -> list[str]:
         lacking = [each.name for each in found.classes if not each.annotated]
         if lacking:
             names = ", ".join(lacking[:SHOWN]) + (" …" if len(lacking) > SHOWN else "")
-            lines.append(
-                f"      without annotations, {names} get features and no keypoints: b23d annotate {path} SHAPE"
-            )
+            lines.append(f"      without annotations, {names} get features and no keypoints: b23d annotate {path}")
         return lines
     if found.dataset.kind == "shapenetpart":
         return [f"next: b23d run {path} --set 'outputs=[\"score_parts\"]'   # transfers part labels"]
     return [
-        f"next: b23d annotate {path} {found.first}   # click its keypoints; so for a few shapes of each class",
+        f"next: b23d annotate {path}   # click keypoints on a few shapes of each class",
         f"      b23d run {path}",
     ]
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from b23d.pipeline.plan import Plan
 from b23d.pipeline.run import Run
+from b23d.pipeline.warned import warnings
 from b23d.schemas.runfile import Shots
 from b23d.schemas.scores import ClassScores, ScoreTable
 from b23d.stages.datasets.names import keypoint_names
@@ -69,6 +70,7 @@ def render_page(
         examples=examples,
         classes=sorted({row["category"] for row in rows}),
         failures=failures,
+        warnings=warnings(run.folder, plan),
         columns=columns,
         costs=cost_lines(stage_costs),
         settings=fields,

@@ -28,6 +28,10 @@
     constructor(place, onClick, onCamera) {
       Object.assign(this, { place, onClick, onCamera, camera: null, shown: false, keypoints: [], mark: null });
       let press = null;
+      this.tip = Object.assign(document.createElement("div"), { className: "tip", hidden: true });
+      document.body.append(this.tip);
+      place.addEventListener("pointermove", (event) => this.tell(event), true);
+      place.addEventListener("pointerleave", () => { this.tip.hidden = true; });
       place.addEventListener("pointerdown", (event) => { press = event.button === 0 ? [event.clientX, event.clientY] : null; }, true);
       window.addEventListener("pointerup", (event) => {
         const still = press && Math.hypot(event.clientX - press[0], event.clientY - press[1]) <= STILL;
@@ -46,7 +50,7 @@
         ? { type: "mesh3d", ...at, i: every(faces, 0), j: every(faces, 1), k: every(faces, 2), ...hidden, ...LIGHT, flatshading: !colors,
           ...(colors ? { vertexcolor: colors } : { color: "#aab1bb" }) }
         : { type: "scatter3d", mode: "markers", ...at, ...hidden, marker: { size: vertices.length > 30000 ? 2 : 3.5, color: colors || "#8a93a1", line: { width: 0 } } };
-      this.camera = camera || this.fitted(vertices);
+      this.camera = camera || this.fitted(shape);
       await Plotly.react(this.place, this.traces(), this.layout(), { displayModeBar: false, responsive: true, scrollZoom: true, doubleClick: false });
       if (this.shown) return;
       this.shown = true;
@@ -60,7 +64,7 @@
       }
     }
 
-    /** `keypoints`: [{ id, unit, normal, color }], `mark`: the id to draw larger. */
+    /** `keypoints`: [{ id, unit, normal, color, told }], `mark`: the id to draw larger. */
     async paint(keypoints, mark) {
       Object.assign(this, { keypoints, mark });
       if (this.shown) await Plotly.react(this.place, this.traces(), this.layout(), this.place._context);
@@ -74,8 +78,9 @@
       this.following = false;
     }
 
-    /** From as near as the panel shows the whole shape. */
-    fitted(vertices) {
+    /** From as near as the panel shows the whole shape, and at least as far as another camera. */
+    fitted(shape, other) {
+      const vertices = new Float32Array(bytes(shape.vertices).buffer);
       const aspect = Math.max(this.place.clientWidth, 1) / Math.max(this.place.clientHeight, 1);
       const toward = [Math.cos(ELEVATION) * Math.sin(AZIMUTH), Math.sin(ELEVATION), Math.cos(ELEVATION) * Math.cos(AZIMUTH)];
       const right = normed(cross([0, 1, 0], toward)), up = cross(toward, right);
@@ -84,7 +89,8 @@
         const v = vertices.subarray(i, i + 3);
         far = Math.max(far, dot(v, toward) + Math.max(Math.abs(dot(v, up)), Math.abs(dot(v, right)) / aspect) / SLOPE);
       }
-      const [x, y, z] = toPlotly(toward.map((t) => (1.1 * far * t) / SIDE));
+      const away = Math.max((1.1 * far) / SIDE, other ? Math.hypot(...vector(other.eye)) : 0);
+      const [x, y, z] = toPlotly(toward.map((t) => away * t));
       return { eye: { x, y, z }, up: { x: 0, y: 0, z: 1 }, center: { x: 0, y: 0, z: 0 } };
     }
 
@@ -103,6 +109,21 @@
       const above = (1 - (2 * (clientY - box.top)) / box.height) * SLOPE;
       const direction = plus(plus(ahead, right, across), up, above);
       return { origin: fromPlotly(eye.map((x) => x * SIDE)), direction: normed(fromPlotly(direction)) };
+    }
+
+    /** How far beside a ray a pixel lies, for each unit that it is away. */
+    pixel() {
+      return (2 * SLOPE) / this.place.getBoundingClientRect().height;
+    }
+
+    /** Name the keypoint under the pointer. */
+    tell(event) {
+      const over = this.shown && !event.buttons ? this.met(this.ray(event.clientX, event.clientY), Infinity) : null;
+      this.tip.hidden = !over;
+      if (!over) return;
+      this.tip.textContent = over.told;
+      this.tip.style.left = `${Math.max(4, Math.min(event.clientX + 12, window.innerWidth - this.tip.offsetWidth - 8))}px`;
+      this.tip.style.top = `${event.clientY + 14}px`;
     }
 
     /** Where in the window a place (unit frame) is seen. */
