@@ -243,7 +243,7 @@ def test_a_run_scores_imported_predictions(tmp_path: Path) -> None:
     table = score_table("boxes", None, [(s.category, d, s.name, a) for s, d, a in run.collect("score")])  # type: ignore[misc]
     mean = table.mean
     assert mean.targets == 2 and mean.pck.mean[-1] == mean.iou.mean[-1] == mean.presence.precision.mean == 1
-    assert {outcome.stage for outcome in report.done} == {"normalize", "import_predictions", "score"}
+    assert {outcome.stage for outcome in report.done} == {"normalize", "annotation", "import_predictions", "score"}
 
     target = next(run.collect("score"))[0].id
     (tmp_path / "out" / f"{target}.npz").write_bytes(npz(points=corners(tmp_path)[target][:4]))
