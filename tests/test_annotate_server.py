@@ -73,6 +73,8 @@ def test_the_server_tells_what_is_wrong(server: AnnotationServer) -> None:
         assert status == 400 and json.loads(text)["error"], keypoint
     status, text = saved(keypoints=[{"id": 1, "was": 0, "hit": None}, {"id": 1, "was": 1, "hit": None}])
     assert status == 400 and b"every semantic_id once" in text
+    status, text = saved(keypoints=[{"id": 0, "was": 0, "hit": None}, {"id": 1, "was": 0, "hit": None}])
+    assert status == 400 and b"expected keypoint 0 once, got it twice" in text
     assert saved(keypoints=[])[0] == 409
     status, text = saved(given="older")
     assert status == 409 and json.loads(text)["stale"] is True

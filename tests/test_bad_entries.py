@@ -15,6 +15,7 @@ from b23d.stages.datasets.keypointnet import KeypointNet
 from b23d.stages.datasets.names import keypoint_label, keypoint_names
 from b23d.stages.datasets.shapenetpart import ShapeNetPart
 from b23d.stages.datasets.walking import walk
+from b23d.stages.geometry.loading import load
 from tests.made_datasets import PCD, PLY_MESH, by_name, entry, put
 
 
@@ -47,12 +48,15 @@ def test_a_folder_goes_on(tmp_path: Path) -> None:
     spoil(root / "chair", ".obj")
     (root / "chair" / "up").symlink_to(root)
     (root / "empty").mkdir()
+    put(root, {"__MACOSX/chair/._a.PLY": b"Mac OS X", "__MACOSX/chair/a.PLY": PLY_MESH})
     put(root, {"pictures/wood.png": b"p", "readme/notes.txt": b"", "deep/x.gltf": "[" * 50_000})
     shapes = by_name(Folder(root=root).shapes())
     errors = {name: shape.error for name, shape in shapes.items() if shape.error}
-    assert [name for name in shapes if name not in errors] == ["chair/a", "chair/c"]
+    assert [name for name in shapes if name not in errors] == ["chair/a", "chair/c", "deep/x"]
+    with pytest.raises(ValueError, match=r"^deep/x: x\.gltf: JSON: expected glTF's, got RecursionError"):
+        load("deep/x", {"x.gltf": (root / "deep" / "x.gltf").read_bytes()}, "x.gltf")
     assert errors.keys() == {f"chair/{name}" for name in STRANGE} | {
-        "chair/b", "chair/up", "empty/(no shapes)", "readme/(no shapes)", "deep/x",
+        "chair/b", "chair/up", "empty/(no shapes)", "readme/(no shapes)",
     }  # fmt: skip
     assert "pipe, socket or device" in errors["chair/pipe"] and "link to nothing" in errors["chair/dangling"]
     assert "got a link back to" in errors["chair/up"] and "UTF-8" in errors["chair/caf\\xe9"]

@@ -24,7 +24,7 @@ from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated
 from b23d.stages.datasets.external import WithExternals
 from b23d.stages.datasets.files import IMAGES, Companions, has_faces, uncollected
 from b23d.stages.datasets.sources import source_leaf
-from b23d.stages.datasets.walking import Listing, encodable, walk
+from b23d.stages.datasets.walking import Listing, encodable, hidden, walk
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
 
 ShapeKey = tuple[str, str]
@@ -162,7 +162,7 @@ class Folder(WithExternals):
             return []
         needed = {place.split("/")[0] for place in listing.files.values() if place.lower().endswith(BESIDE)}
         with os.scandir(self.root) as entries:
-            folders = [e.name for e in entries if not e.name.startswith(".") and e.is_dir() and encodable(e.name)]
+            folders = [e.name for e in entries if not hidden(e.name) and e.is_dir() and encodable(e.name)]
         return sorted({*folders} - {*categories} - needed - {*listing.closed})
 
     def _roles(self, name: str, paths: list[str]) -> dict[str, str]:

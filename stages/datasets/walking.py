@@ -56,6 +56,11 @@ def printable(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
+def hidden(name: str) -> bool:
+    """Whether a name is of what systems keep for themselves: `.DS_Store`, and what macOS' archives put beside files."""
+    return name.startswith(".") or name == "__MACOSX"
+
+
 def encodable(name: str) -> bool:
     """Whether the name is text that every file, database and terminal takes."""
     try:
@@ -68,7 +73,7 @@ def encodable(name: str) -> bool:
 def _entries(folder: str, place: str, found: Listing) -> list[os.DirEntry[str]]:
     try:
         with os.scandir(folder) as entries:
-            return [entry for entry in entries if not entry.name.startswith(".")]
+            return [entry for entry in entries if not hidden(entry.name)]
     except OSError as error:
         name = printable(place.rstrip("/") or folder)
         found.closed[name] = f"expected a folder that can be read, got {error.strerror}; give it back its permissions"

@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -74,6 +75,9 @@ def edited_entry(entry: Entry, keypoints: list[Edited]) -> Entry:
     for keypoint in keypoints:
         if keypoint.was is not None and keypoint.was not in places and keypoint.hit is None:
             raise ValueError(f"{entry['model_id']}: expected keypoint {keypoint.was}, got none such; reload the page")
+    meant = Counter(keypoint.was for keypoint in keypoints if keypoint.was is not None)
+    if (twice := next((was for was, times in meant.items() if times > 1), None)) is not None:
+        raise ValueError(f"{entry['model_id']}: expected keypoint {twice} once, got it twice; reload the page")
     entry["keypoints"] = [
         _edited(before[places[keypoint.was]] if keypoint.was in places else {}, keypoint) for keypoint in keypoints
     ]
