@@ -258,7 +258,7 @@ def test_softmax_gradient_is_autograd_s(beta: float) -> None:
 
     problem = random_problem(10, n=20, k=4)
     logits = torch.randn(5, 20, generator=torch.Generator().manual_seed(0))
-    loss, gradient = (tensor[0] for tensor in SelectionLoss([problem], beta)(logits[None]))
+    loss, gradient = SelectionLoss(problem, beta)(logits)
 
     variable = logits.clone().requires_grad_()
     selection = torch.softmax(variable, 0)[:-1].T
@@ -282,17 +282,3 @@ def test_softmax_finds_an_unambiguous_truth() -> None:
     points, features, truth = random.normal(size=(50, 3)), 3 * random.normal(size=(50, 16)), np.array([7, 30, 2])
     problem = _problem(points, features, features[truth], points[truth], 0.5)
     assert np.array_equal(softmax(problem, steps=1000), truth)
-
-
-@pytest.mark.parametrize("beta", [0.0, 0.5])
-def test_softmax_of_several_problems_together_is_each_alone(beta: float) -> None:
-    from b23d.stages.solvers.softmax import softmax, softmax_together
-
-    whole = structured_problem(11, n=60, k=6)
-    features, distances, mask = whole.target_features[:3], whole.target_distances[:3, :3], whole.mask[:3, :3]
-    few = replace(whole, target_features=features, target_distances=distances, mask=mask)
-    together = softmax_together([few, whole, few], beta=beta, steps=60, seed=2)
-    for found, problem in zip(together, [few, whole, few], strict=True):
-        assert np.array_equal(found, softmax(problem, beta=beta, steps=60, seed=2))
-    with pytest.raises(ValueError, match="of one target and one alpha"):
-        softmax_together([whole, replace(whole, alpha=2.0)])

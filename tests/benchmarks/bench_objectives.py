@@ -25,7 +25,7 @@ from b23d.schemas.scores import ShapeScore
 from b23d.stages.optimize import OptimizeParams
 from b23d.stages.solvers.discrete import discrete
 from b23d.stages.solvers.objective import objective
-from b23d.stages.solvers.softmax import softmax_together
+from b23d.stages.solvers.softmax import softmax
 from tests.benchmarks.run_problems import Posed, area, posed
 
 ROUNDING = 1e-6
@@ -87,14 +87,8 @@ def compare(
     started = time.perf_counter()
     choices.append([discrete(one.problem, starts=params.discrete.starts, seed=params.discrete.seed) for one in draws])
     between = time.perf_counter()
-    together = softmax_together(
-        [one.problem for one in draws],
-        beta=params.softmax.beta,
-        steps=steps,
-        learning_rate=params.softmax.learning_rate,
-        seed=params.softmax.seed,
-    )
-    choices.append(together)
+    options = {"beta": params.softmax.beta, "learning_rate": params.softmax.learning_rate, "seed": params.softmax.seed}
+    choices.append([softmax(one.problem, steps=steps, **options) for one in draws])
     seconds = [(between - started) / len(draws), (time.perf_counter() - between) / len(draws)]
     return [
         ([float(objective(one.problem, c)) for c in pair], seconds, [one.score(c) for c in pair])
