@@ -60,6 +60,22 @@ def draw_problems(
     return told
 
 
+def draw_notes(draws: Collection[Draw]) -> list[str]:
+    """What of the draws is not as it may seem, a line each: draws of one class that have the same shots."""
+    classes: dict[str, dict[frozenset[str], list[int]]] = defaultdict(lambda: defaultdict(list))
+    for draw in draws:
+        if draw.shots:
+            classes[draw.category][frozenset(shot.id for shot in draw.shots)].append(draw.seed)
+    notes = []
+    for category, by_shots in classes.items():
+        for shots, seeds in by_shots.items():
+            if len(seeds) > 1:
+                which = ", ".join(map(str, seeds))
+                told = f"draws {which} have the same {len(shots)} shots and are one draw: no spread comes of them"
+                notes.append(f"class {category}: {told}; annotate more, or set shots.draws")
+    return notes
+
+
 def _draw(
     category: str, members: list[Shape], options: Shots, seed: int, unusable: Collection[str], leaves: set[str]
 ) -> Draw:

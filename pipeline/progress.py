@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from rich.table import Table
 
+from b23d.pipeline.draws import draw_notes
 from b23d.pipeline.execution import Report
 from b23d.pipeline.plan import Plan
 from b23d.pipeline.stopping import Stopped
@@ -48,6 +49,8 @@ class RunProgress:
     def start(self, plan: Plan, address: str) -> None:
         self.tally.plan(plan)
         self.console.print(f"[dim]{to_run(plan)}; dashboard: {escape(address)}[/]", highlight=False)
+        for note in draw_notes(plan.draws):
+            self.console.print(f"[yellow]![/] {escape(note)}", highlight=False, soft_wrap=True)
         for stage, count in plan.inlined().items():
             self.console.print(f"[dim]{stage}: {count} inside their consumers (transient)[/]", highlight=False)
         if self._bars is not None:

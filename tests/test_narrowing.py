@@ -78,3 +78,12 @@ def test_try_says_what_it_gave(tmp_path: Path) -> None:
     assert same.exit_code == 0 and "the same as what is stored" in same.output and "function calls" in same.output
     other = CliRunner().invoke(app, ["try", str(path), "toy/s1", "shift", "--set", "stages.shift.by=3"])
     assert other.exit_code == 0 and "nothing is stored at" in other.output
+
+
+def test_draws_with_the_same_shots_are_said_before_anything_runs(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    path.write_text(path.read_text().replace("count = 2", "count = 6"))
+    told = CliRunner().invoke(app, ["plan", str(path)]).output
+    assert "class toy: draws 0, 1 have the same 6 shots and are one draw" in told
+    path.write_text(path.read_text().replace("count = 6", "count = 2"))
+    assert "are one draw" not in CliRunner().invoke(app, ["plan", str(path)]).output

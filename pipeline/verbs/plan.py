@@ -50,6 +50,7 @@ def plan(
     exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
+    from b23d.pipeline.draws import draw_notes
     from b23d.pipeline.progress import to_run
     from b23d.pipeline.projection import memory_line, project
     from b23d.pipeline.run import Run
@@ -77,6 +78,8 @@ def plan(
             console.print(memory, highlight=False, markup=False, soft_wrap=True)
         console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
         console.print(f"[dim]store: {escape(loaded.store.url)}[/]", highlight=False, soft_wrap=True)
+        for note in draw_notes(planned.draws):
+            console.print(f"[yellow]![/] {escape(note)}", highlight=False, soft_wrap=True)
         for problem in planned.problems[:SHOWN]:
             console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
         if len(planned.problems) > SHOWN:

@@ -77,7 +77,7 @@ def growth(table: Table) -> None:
     """Exponents: 1 is twice the time for twice the size."""
     table.title("Growth of CPU seconds: exponent over the sizes given")
     dense = shapes()[0]
-    sizes = [512, 2048, 8192]
+    sizes = [512, 2048, 4096]
     found = {count: normalize(dense, NormalizeParams(count=count)) for count in sizes}
     _exponent(table, "normalize, points", sizes, lambda n: normalize(dense, NormalizeParams(count=n)))
     _exponent(table, "geodesic, points", sizes, lambda n: geodesic(found[n], GeodesicParams()))
