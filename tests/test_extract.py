@@ -109,7 +109,7 @@ def test_one_encoder_has_one_name() -> None:
     [
         (
             {"encoder": "dinov2-smal"},
-            "expected one of efficientnet-lite0, .* got 'dinov2-smal'; did you mean dinov2-small",
+            "expected a known encoder, .* got 'dinov2-smal'; did you mean dinov2-small or dinov2-small-reg",
         ),
         ({"encoder": "./folder/checkpoint"}, "a local checkpoint's folder goes into stages.extract.weights"),
         ({"blocks": (3, 1)}, "expected ascending indices"),

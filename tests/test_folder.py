@@ -26,7 +26,11 @@ def test_folder_of_categories(tmp_path: Path) -> None:
     }
     assert all(list(shape.leaves) == ["source"] for shape in shapes.values()), "unannotated: no keypoints leaf"
     assert read(shapes["table/a"].leaves["source"]) == Source(
-        shape="table/a", files={"mesh.glb": b"g", "cloud.pcd": PCD}, mesh="mesh.glb", cloud="cloud.pcd"
+        shape="table/a",
+        files={"mesh.glb": b"g", "cloud.pcd": PCD},
+        mesh="mesh.glb",
+        cloud="cloud.pcd",
+        own_names={"mesh.glb": "a.glb", "cloud.pcd": "a.pcd"},
     )
 
 
