@@ -18,7 +18,13 @@ from b23d.pipeline.store import Store
 from tests.toy import make_toy
 
 ROOT = Path(__file__).parents[1]
-CODE = "import tests.toy; from b23d.pipeline.cli import main; main()"
+CODE = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background of a shell ignores it
+import tests.toy
+from b23d.pipeline.cli import main
+main()
+"""
 SLOW = "[stages.square]\npause = 0.2\n"
 
 
