@@ -27,6 +27,7 @@ ENVIRON = {
     # Freed arrays stay in the process: dask's own 64 KiB for trimming has them faulted in again, for most of a run.
     "MALLOC_MMAP_THRESHOLD_": GIB,
     "MALLOC_TRIM_THRESHOLD_": GIB,
+    "DASK_LOGGING__DISTRIBUTED": "critical",  # a message that a stop cuts short is no traceback to show
 }
 CONFIG = {
     # A worker that dies is reported at once, with its task; heartbeats must not mistake a busy CPU for a death.
