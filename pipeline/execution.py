@@ -43,9 +43,9 @@ class Report:
     spared: list[Outcome] = field(default_factory=list)
     """What needed not run after all: something above was made anew and gave what was known."""
     blocked: int = 0
+    """Tasks that could not be tried, for what failed above them."""
     warnings: list[str] = field(default_factory=list)
     """What stages found odd and let pass, in this run and before."""
-    """Tasks that could not be tried, for what failed above them."""
     elsewhere: int = 0
     """Artifacts that another run made meanwhile."""
     record: str = ""

@@ -26,12 +26,11 @@ from b23d.pipeline.verbs.options import (
 from b23d.pipeline.verbs.terminal import console
 from b23d.pipeline.warned import warnings
 
-SHOWN = 12  # problems that are printed
-
-
 if TYPE_CHECKING:
     from b23d.pipeline.plan import Plan
     from b23d.pipeline.run import Run
+
+SHOWN = 12  # problems that are printed
 
 
 def plan(
