@@ -242,8 +242,9 @@ def test_inline_details_need_no_folder(browser: Any, tmp_path: Path) -> None:
 
 def test_it_fits_a_telephone(browser: Any, report: Path) -> None:
     opened = Page(browser, report)
+    opened.page.wait_for_selector(".main-svg")
     opened.page.set_viewport_size({"width": 420, "height": 800})
-    assert opened.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    opened.page.wait_for_function("document.documentElement.scrollWidth <= innerWidth")  # charts follow a little later
     opened.open("e0")
     scene, controls = (opened.page.locator(name).bounding_box() for name in ("#viewer-scene-0", "#viewer-controls"))
     assert scene["width"] == controls["width"] == 420 and controls["y"] >= scene["y"] + scene["height"]
