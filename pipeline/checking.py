@@ -39,6 +39,8 @@ def _line(model: type[BaseModel], problem: Any, where: str) -> str:
             f"{where}: {key}: expected a table, got {short(problem['input'])}; it takes {fields}: "
             f"set {key}.{next(iter(inner.model_fields))}, say"
         )
+    if problem["type"] == "value_error" and "; " in (own := str(problem["ctx"]["error"])):  # says it all itself
+        return f"{where}: {own}"
     told = f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
     return f"{told}, got {short(problem['input'])}; mend the value"
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params
+from b23d.schemas.up_axis import Up, axes_of
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,19 @@ class Dataset(Params):
     """Base of every `[dataset]` table. Path fields are made absolute by the run file's loader before validation."""
 
     kind: str
+    up: Up = "y"
+    """Which axis of the files points up: `y`, `z`, `x`, `-x`, `-y` or `-z`; or a table where they differ: class, shape
+    (`<class>/<id>`) or pattern (`chair/old-*`) → axis, of which the most specific counts. Shapes are brought to +y up
+    for everything that is made of them; annotations and results are in the files' own coordinates."""
+
+    def listed(self) -> list[Shape]:
+        """As `shapes`, each with the up axis that `up` says. Raises as `shapes`, and ValueError where `up` names what
+        is not there."""
+        shapes = self.shapes()
+        if self.up == "y":
+            return shapes
+        axes = axes_of(self.up, [(shape.category, shape.id) for shape in shapes])
+        return [_standing(shape, axes[shape.category, shape.id]) for shape in shapes]
 
     @abstractmethod
     def shapes(self) -> list[Shape]:
@@ -91,6 +105,27 @@ class Dataset(Params):
         """Whether a new file at `path` would lie where this data set looks for its own."""
         fields = (getattr(self, name) for name in type(self).model_fields)
         return any(isinstance(value, Path) and path.resolve().is_relative_to(value.resolve()) for value in fields)
+
+
+@dataclass(frozen=True)
+class _Upright:
+    """Loads a source, and says which axis of it points up: loaders themselves need not know."""
+
+    load: Callable[[dict[str, bytes], dict[str, Any]], Artifact]
+
+    def __call__(self, files: dict[str, bytes], values: dict[str, Any]) -> Artifact:
+        up = values["up"]
+        source = self.load(files, {key: value for key, value in values.items() if key != "up"})
+        return source.model_copy(update={"up": up})
+
+
+def _standing(shape: Shape, up: str) -> Shape:
+    """The shape whose file has `up` for its up axis; the axis enters the address unless it is +y."""
+    leaf = shape.leaves.get("source")
+    if up == "y" or leaf is None:
+        return shape
+    told = replace(leaf, load=_Upright(leaf.load), values={**leaf.values, "up": up})
+    return replace(shape, leaves={**shape.leaves, "source": told})
 
 
 def is_export(name: str) -> bool:

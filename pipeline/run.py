@@ -58,7 +58,7 @@ class Run:
 
     @cached_property
     def shapes(self) -> list[Shape]:
-        shapes = self.config.dataset.shapes()
+        shapes = self.config.dataset.listed()
         if not shapes:
             raise RunFileError(f"run {self.name}: expected a data set with shapes, got none; check [dataset]")
         return shapes

@@ -1,8 +1,9 @@
 """Shapes as they come (Source), and as we use them (NormalizedShape).
 
-Frames: *source frame* is the file's own, in the data set's units. *Unit frame* is the source frame moved and scaled so
-that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (source - center) / scale`,
-the source turned about the up axis first if so asked. Up is +y in both.
+Frames: *source frame* is the file's own, in the data set's units; which of its axes points up, `up` says. *Unit frame*
+is the source frame rotated so that +y is up (`schemas/up_axis.py`), turned about that axis if so asked, and moved and
+scaled so that the shape's bounding box is centred at the origin and its longest side is 1: `unit = (rotation @ source -
+center) / scale`.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from b23d.schemas.artifact import ArraySpec, Artifact
+from b23d.schemas.up_axis import UpAxis, to_y_up
 
 
 class Source(Artifact):
@@ -28,6 +30,8 @@ class Source(Artifact):
     """Which of `files` is the point cloud (pcd ply xyz npz)."""
     own_names: dict[str, str] = {}
     """What people call some of the `files`: `mesh.obj` → `m45.obj`; for messages."""
+    up: UpAxis = "y"
+    """Which axis of the files points up."""
 
 
 class NormalizedShape(Artifact):
@@ -53,18 +57,25 @@ class NormalizedShape(Artifact):
     center: tuple[float, float, float]
     scale: float
     turn: float = 0.0
-    """Degrees by which the source was turned about +y (from +z towards +x) before it was centred and scaled."""
+    """Degrees by which the shape was turned about +y (from +z towards +x) before it was centred and scaled."""
+    up: UpAxis = "y"
+    """Which axis of the source frame points up: it was brought to +y before the turn."""
     repairs: dict[str, int]
     """How many of each were handled: unreferenced_vertices, degenerate_faces, duplicate_faces, non_finite_vertices,
     …"""
 
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) float64: from the source frame's directions to the unit frame's."""
+        return turned(self.turn) @ to_y_up(self.up)
+
     def to_unit(self, positions: np.ndarray) -> np.ndarray:
         """Source frame (…, 3) → unit frame, float64."""
-        return (positions @ turned(self.turn).T - np.asarray(self.center)) / self.scale
+        return (positions @ self.rotation.T - np.asarray(self.center)) / self.scale
 
     def to_source(self, positions: np.ndarray) -> np.ndarray:
         """Unit frame (…, 3) → source frame, float64."""
-        return (positions * self.scale + np.asarray(self.center)) @ turned(self.turn)
+        return (positions * self.scale + np.asarray(self.center)) @ self.rotation
 
 
 def turned(degrees: float) -> np.ndarray:

@@ -13,6 +13,7 @@ from pydantic import Field
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape, Source, turned
+from b23d.schemas.up_axis import UpAxis, to_y_up
 
 if TYPE_CHECKING:
     from b23d.stages.geometry.cleaning import Clean
@@ -38,7 +39,7 @@ class NormalizeParams(Params):
     max_nonfinite: float = Field(0.01, ge=0, le=1)
     """Fraction of vertices or points that may be NaN or infinite and are repaired; above it the shape is an error."""
     turn: float | Literal["random"] = 0.0
-    """Degrees by which the source is turned about the up axis (from +z towards +x) before anything else, its
+    """Degrees by which the upright shape is turned about the up axis (from +z towards +x) before anything else, its
     annotations with it; "random": another angle for every shape, from `seed`. To measure what a method owes to a common
     orientation."""
     watertight: bool = False
@@ -54,7 +55,7 @@ class NormalizeParams(Params):
 
 @stage(version=2, hints=Hints(memory_gb=0.5))
 def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
-    """Read, clean, move to the unit frame, and choose candidates.
+    """Read, set upright (the source's `up` axis becomes +y), clean, move to the unit frame, and choose candidates.
 
     The frame is the box of the vertices that clean faces use (of the cloud's points where there is no mesh). Vertices
     keep the file's number and order. Faces with a non-finite, repeated or collinear corner, and faces that cover the
@@ -86,11 +87,14 @@ def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
     turn = _turn(source.shape, params)
     if cloud is not None:
         cloud = _finite(source.shape, cloud, params)
-        cloud = replace(cloud, points=_turned(cloud.points, turn))
+        cloud = replace(cloud, points=_turned(cloud.points, source.up, turn))
     if mesh is not None:
-        return _mesh(source.shape, replace(mesh, vertices=_turned(mesh.vertices, turn)), cloud, params, turn)
-    assert cloud is not None
-    return _cloud(source.shape, cloud, params, turn)
+        vertices = _turned(mesh.vertices, source.up, turn)
+        made = _mesh(source.shape, replace(mesh, vertices=vertices), cloud, params)
+    else:
+        assert cloud is not None
+        made = _cloud(source.shape, cloud, params)
+    return made.model_copy(update={"turn": turn, "up": source.up})
 
 
 def _turn(shape: str, params: NormalizeParams) -> float:
@@ -100,12 +104,16 @@ def _turn(shape: str, params: NormalizeParams) -> float:
     return 360.0 * int.from_bytes(digest[:4], "big") / 2**32
 
 
-def _turned(positions: np.ndarray, turn: float) -> np.ndarray:
+def _turned(positions: np.ndarray, up: UpAxis, turn: float) -> np.ndarray:
+    """Source frame (n, 3) → upright and turned. Where nothing turns, values move and none changes, infinite or not."""
+    rows = to_y_up(up)
+    places, signs = np.abs(rows).argmax(1), rows.sum(1)
+    upright = positions if up == "y" else positions[:, places] * signs
     with np.errstate(invalid="ignore", over="ignore"):  # vertices that no face uses may be anywhere
-        return positions @ turned(turn).T if turn else positions
+        return upright @ turned(turn).T if turn else upright
 
 
-def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams, turn: float) -> NormalizedShape:
+def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizeParams) -> NormalizedShape:
     from b23d.stages.geometry.cleaning import clean
     from b23d.stages.geometry.nearest import nearest_on_faces
     from b23d.stages.geometry.sampling import DENSITY, farthest_points, surface_samples
@@ -144,7 +152,6 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
         candidates=kind,
         center=_triple(result.frame.center),
         scale=result.frame.scale,
-        turn=turn,
         repairs={
             **result.repairs,
             **({"non_finite_points": cloud.repaired, **cloud.problems} if cloud is not None else {}),
@@ -163,7 +170,7 @@ def _closed(result: Clean, resolution: int) -> Clean:
     return replace(result, vertices=vertices, faces=faces, kept=result.kept[:0], repairs={**result.repairs, **counts})
 
 
-def _cloud(shape: str, cloud: Cloud, params: NormalizeParams, turn: float) -> NormalizedShape:
+def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape:
     from b23d.stages.geometry.cleaning import Frame, check_frame
     from b23d.stages.geometry.sampling import farthest_points
 
@@ -182,7 +189,6 @@ def _cloud(shape: str, cloud: Cloud, params: NormalizeParams, turn: float) -> No
         candidates=kind,
         center=_triple(frame.center),
         scale=frame.scale,
-        turn=turn,
         repairs={"non_finite_points": cloud.repaired, **cloud.problems},
     )
 

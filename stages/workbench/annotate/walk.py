@@ -77,5 +77,5 @@ class Walk:
     def _refresh(self) -> None:
         """After a save the shape stands beside the others. The caller holds the lock."""
         if self._stale:
-            self._shapes, self._stale = self.run.config.dataset.shapes(), False
+            self._shapes, self._stale = self.run.config.dataset.listed(), False
             self._sessions.clear()
