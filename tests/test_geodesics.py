@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
 from b23d.stages.geodesics.bridging import links
+from b23d.stages.geodesics.dissection import LEAF, dissect
 from b23d.stages.geodesics.graph import edge_graph, graph_distances, label_components, neighbour_edges
 from b23d.stages.geodesics.insertion import insert_points
 from b23d.stages.geodesics.paths import all_pairs
@@ -22,6 +23,23 @@ def test_divide_and_conquer_equals_dijkstra(neighbors: int) -> None:
     assert label_components(graph).max() > 0
     np.testing.assert_allclose(all_pairs(graph, points), dijkstra(graph), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(all_pairs(graph, np.zeros_like(points)), dijkstra(graph), rtol=1e-5, atol=1e-7)
+
+
+def test_no_edge_joins_the_two_sides_of_a_separator() -> None:
+    points = np.concatenate([cloud(900), cloud(400, seed=1) * 0.5 + [0, 0.4, 2]])
+    graph = edge_graph(len(points), *neighbour_edges(points, 8))
+    order, parts = dissect(graph, points)
+    np.testing.assert_array_equal(np.sort(order), np.arange(len(points)))
+    assert (parts[-1].start, parts[-1].stop) == (0, len(points))
+    ordered = graph[order][:, order]
+    made: set[tuple[int, int]] = set()
+    for part in parts:
+        assert not ordered[part.start : part.middle, part.middle : part.separator].nnz
+        if part.start < part.separator:
+            assert part.stop - part.separator <= (part.stop - part.start) // 3
+            assert {(part.start, part.middle), (part.middle, part.separator)} <= made
+        made.add((part.start, part.stop))
+    assert max(part.stop - part.start for part in parts if part.start == part.separator) <= LEAF
 
 
 def test_neighbours_are_the_nearest_others() -> None:
