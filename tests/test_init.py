@@ -10,8 +10,9 @@ import pytest
 import trimesh
 
 from b23d.pipeline.run import Run
+from b23d.schemas.up_axis import UP_AXES, UpAxis, to_y_up
 from b23d.stages.datasets.survey import survey
-from b23d.stages.geometry.upright import guess, support
+from b23d.stages.geometry.upright import Stance, guess, stance, support
 from b23d.stages.workbench.results.run_file_text import run_name
 from tests.made_datasets import PCD, PLY_MESH, entry, put
 from tests.small_runs import b23d
@@ -107,12 +108,33 @@ def test_a_table_stands_on_any_axis(axis: int) -> None:
     turned = np.roll(table.vertices, axis - 1, axis=1)
     found = support(turned, table.faces)
     assert found.argmax() == axis
-    assert guess([found] * 3).axis == "xyz"[axis] and guess([found] * 3).votes == 3
+    told = guess([stance(turned, table.faces)] * 3)
+    assert told.axis == "xyz"[axis] and told.votes == 3
 
 
 def test_a_ball_does_not_tell() -> None:
     ball = trimesh.creation.icosphere(subdivisions=4)
-    assert guess([support(ball.vertices, ball.faces)]).axis is None
+    assert guess([stance(ball.vertices, ball.faces)]).axis is None
+
+
+@pytest.mark.parametrize("up", UP_AXES)
+def test_a_cone_says_which_end_is_up(up: UpAxis) -> None:
+    cone = trimesh.creation.cone(radius=0.5, height=1, sections=64)  # along +z
+    upright = cone.vertices @ to_y_up("z").T
+    found = stance(upright @ to_y_up(up), cone.faces)
+    assert found == Stance(up, True) and guess([found] * 3).axis == up
+    upright_seen = found.seen_in(to_y_up(up))
+    assert upright_seen == Stance("y", True) and upright_seen.seen_in(to_y_up(up).T) == found
+
+
+def test_a_class_that_stands_on_two_axes_is_mixed() -> None:
+    y, z, down, either = Stance("y", True), Stance("z", False), Stance("-y", True), Stance("y", False)
+    assert guess([y, y, y, z, z, None]).mixed == (("y", 3), ("z", 2))
+    assert guess([y, y, y, down, down, down]).mixed == (("y", 3), ("-y", 3))
+    assert guess([y, y, y, y, y, z]).axis == "y", "one is none"
+    assert guess([either, either, either, down, down, None]).axis == "y", "tables on one leg"
+    assert guess([down, down, down, down, None, either]).axis == "-y"
+    assert guess([y, None, None, None]).axis is None and guess([]).axis is None
 
 
 def test_z_up_shapes_are_pointed_out(here: Path) -> None:
@@ -121,6 +143,45 @@ def test_z_up_shapes_are_pointed_out(here: Path) -> None:
     found = survey(here / "cones").classes[0]
     assert found.up is not None and found.up.axis == "z" and found.box == pytest.approx((1, 1, 1), rel=0.01)
     assert "up looks like z (3 of 3 stand on it)" in b23d("init", "cones")
+    run = planned(here / "cones.toml")
+    assert run.config.dataset.up == "z"
+    assert run.config.dataset.listed()[0].leaves["source"].read().up == "z"  # type: ignore[attr-defined]
+
+
+def cone(up: UpAxis, i: int) -> bytes:
+    made = trimesh.creation.cone(radius=0.5 + 0.01 * i, height=1, sections=64)
+    made.vertices = made.vertices @ to_y_up("z").T @ to_y_up(up)
+    data: bytes = trimesh.exchange.stl.export_stl(made)
+    return data
+
+
+def test_classes_that_differ_get_a_table_and_a_mixed_one_is_told(here: Path) -> None:
+    files = {f"all/{name}/{i}.stl": cone(up, i) for name, up in (("a", "z"), ("b", "-x"), ("c", "y")) for i in range(3)}
+    put(here, {**files, **{f"all/d/{i}.stl": cone("y" if i % 2 else "z", i) for i in range(6)}})
+    output = b23d("init", "all")
+    assert "d: up looks mixed: of 6 shapes looked at, 3 on z and 3 on y stand" in " ".join(output.split())
+    assert planned(here / "all.toml").config.dataset.up == {"a": "z", "b": "-x"}
+
+
+def test_a_run_s_end_plan_and_report_tell_what_stands_otherwise(here: Path) -> None:
+    put(here, {f"all/d/{i}.stl": cone("y" if i % 2 else "z", i) for i in range(6)})
+    put(here, {f"all/e/{i}.stl": cone("z", 9 + i) for i in range(3)})
+    path = here / "all.toml"
+    store = here / "store"
+    path.write_text(
+        f'name = "all"\noutputs = ["normalize"]\n[dataset]\nkind = "folder"\nroot = "all"\n[store]\nroot = "{store}"\n'
+    )
+    mixed = "class d: up looks mixed: of 6 shapes looked at, 3 on z and 3 on y stand"
+    tipped = "class e: 3 of 3 shapes looked at stand on z, and are taken to have y up"
+    for verb in ("run", "plan"):
+        output = " ".join(b23d(verb, str(path)).split())
+        assert mixed in output and tipped in output, verb
+    b23d("report", str(path))
+    page = (here / "all" / "report.html").read_text()
+    assert mixed in page and tipped in page
+    said = 'dataset.up={e = "z", "d/[024]" = "z"}'
+    output = b23d("run", str(path), "--set", said)
+    assert "stand" not in output and "stand" not in b23d("plan", str(path), "--set", said)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from b23d.stages.datasets.shapenetpart import ShapeNetPart
 from b23d.stages.datasets.walking import walk
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES, load
 from b23d.stages.geometry.surface import Surface
-from b23d.stages.geometry.upright import Upright, guess, support
+from b23d.stages.geometry.upright import Stance, Upright, guess, stance
 
 MEASURED = 6
 """Shapes of each class that are opened."""
@@ -38,6 +38,17 @@ class ClassSurvey:
     box: tuple[float, float, float] | None = None
     """Median x, y and z extent of those measured."""
     up: Upright | None = None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A shape that was opened."""
+
+    extent: np.ndarray
+    """(3,), in the file's units."""
+    mesh: bool
+    stance: Stance | None
+    """None where it does not tell, as no cloud does."""
 
 
 @dataclass
@@ -82,7 +93,7 @@ def survey(root: Path, watch: Callable[[int, int], None] = lambda done, total: N
                 each.annotated.append(shape.id)
     problems = [shape.error for shape in shapes if shape.error is not None]
     chosen = [shape for name in classes for shape in _spread([s for s in shapes if s.category == name and not s.error])]
-    measured: dict[str, list[tuple[np.ndarray, np.ndarray | None]]] = {}
+    measured: dict[str, list[Measured]] = {}
     for done, shape in enumerate(chosen, 1):
         try:
             measured.setdefault(shape.category, []).append(_measure(shape))
@@ -142,8 +153,8 @@ def _spread(shapes: list[Shape]) -> Iterable[Shape]:
     return [shapes[place] for place in places]
 
 
-def _measure(shape: Shape) -> tuple[np.ndarray, np.ndarray | None]:
-    """(3,) extent of a shape, and its support on each axis; None for a cloud. Raises OSError or ValueError."""
+def _measure(shape: Shape) -> Measured:
+    """Raises OSError or ValueError."""
     source = shape.leaves["source"].read()
     assert isinstance(source, Source)
     name = source.mesh if source.mesh is not None else source.cloud
@@ -151,8 +162,8 @@ def _measure(shape: Shape) -> tuple[np.ndarray, np.ndarray | None]:
     loaded = load(shape.name, source.files, name, False, source.own_names)
     if isinstance(loaded, Surface):
         used = loaded.vertices[np.unique(loaded.faces)]
-        return _extent(used), support(loaded.vertices, loaded.faces)
-    return _extent(loaded.points), None
+        return Measured(_extent(used), True, stance(loaded.vertices, loaded.faces))
+    return Measured(_extent(loaded.points), False, None)
 
 
 def _extent(points: np.ndarray) -> np.ndarray:
@@ -160,12 +171,12 @@ def _extent(points: np.ndarray) -> np.ndarray:
     return np.ptp(finite, axis=0) if len(finite) else np.zeros(3)
 
 
-def _summarise(each: ClassSurvey, measured: list[tuple[np.ndarray, np.ndarray | None]]) -> None:
+def _summarise(each: ClassSurvey, measured: list[Measured]) -> None:
     if measured:
-        extents = np.stack([extent for extent, _ in measured])
+        extents = np.stack([one.extent for one in measured])
         longest = extents.max(axis=1)
         each.sizes = float(longest.min()), float(longest.max())
         x, y, z = (float(value) for value in np.median(extents, axis=0))
         each.box = x, y, z
-        supports = [found for _, found in measured if found is not None]
-        each.up = guess(supports) if supports else None
+        stances = [one.stance for one in measured if one.mesh]
+        each.up = guess(stances) if stances else None

@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from b23d.stages.workbench.results.standing import mixed_line
+
 if TYPE_CHECKING:
     from b23d.stages.datasets.survey import ClassSurvey, Survey
 
@@ -54,16 +56,18 @@ def init(
 
 
 def remarks(found: Survey) -> list[str]:
-    """What may surprise: shapes that cannot be used, an up axis that is not +y."""
+    """What may surprise: shapes that cannot be used, an up axis that is not +y, or not the same for a whole class."""
     lines = [f"set aside: {problem}" for problem in found.problems[:SHOWN]]
     if len(found.problems) > SHOWN:
         lines.append(f"… and {len(found.problems) - SHOWN} more")
     for each in found.classes:
         if each.up is not None and each.up.axis not in (None, "y"):
             lines.append(
-                f"{each.name}: up looks like {each.up.axis} ({each.up.votes} of {each.up.asked} stand on it), and b23d "
-                "takes +y as up: look at one, and turn the files if so"
+                f"{each.name}: up looks like {each.up.axis} ({each.up.votes} of {each.up.asked} stand on it), and so "
+                "says dataset.up in the run file: look at one, and change it if not"
             )
+        if each.up is not None and each.up.mixed:
+            lines.append(mixed_line(each.name, each.up))
     return lines
 
 
@@ -109,6 +113,8 @@ def _range(each: ClassSurvey) -> str:
 
 
 def _up(each: ClassSurvey) -> str:
+    if each.up is not None and each.up.mixed:
+        return "mixed: " + ", ".join(f"{axis} ({count})" for axis, count in each.up.mixed)
     if each.up is None or each.up.axis is None:
         return "unclear"
     return f"{each.up.axis} ({each.up.votes} of {each.up.asked})"

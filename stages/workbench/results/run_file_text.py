@@ -36,6 +36,8 @@ def run_file_text(found: Survey, name: str, beside: Path) -> str:
     """The run file's text. `beside`: the folder it will lie in."""
     root = Path(os.path.relpath(found.dataset.model_dump()["root"], beside.resolve())).as_posix()
     lines = {key: f"{key} = {_toml(value)}\n" for key, value in found.settings.items()}
+    if up := up_setting(found):
+        lines["up"] = f"up = {up}   # what most shapes looked at stand on; look at one\n"
     return TEXT.format(
         found=summary(found),
         name=_toml(name),
@@ -45,6 +47,17 @@ def run_file_text(found: Survey, name: str, beside: Path) -> str:
         count=shots(found),
         example=_toml(found.classes[0].name),
     )
+
+
+def up_setting(found: Survey) -> str:
+    """`dataset.up` as TOML writes it, by the classes that tell: for all alike, or a table; "" where +y is up."""
+    told = {each.name: each.up.axis for each in found.classes if each.up is not None and each.up.axis is not None}
+    tipped = {name: axis for name, axis in told.items() if axis != "y"}
+    if not tipped:
+        return ""
+    if len(set(told.values())) == 1 and 2 * len(told) >= len(found.classes):
+        return _toml(next(iter(tipped.values())))
+    return "{ " + ", ".join(f"{_toml(name)} = {_toml(axis)}" for name, axis in tipped.items()) + " }"
 
 
 def summary(found: Survey) -> str:
