@@ -7,6 +7,7 @@ means "no claims": then an artifact may be made twice, and is the same both time
 
 from __future__ import annotations
 
+import os
 import uuid
 from contextlib import suppress
 from pathlib import Path
@@ -22,7 +23,10 @@ class Claims:
 
     def __init__(self, store: Store, lease: str) -> None:
         self.store, self.lease = store, lease
-        self._taken: set[Path] = set()
+        self._folder = Path(store.root, FOLDER)
+        self._taken: set[str] = set()
+        self._text: str | None = None
+        """A file that holds the lease's name: every claim is a further link to it."""
 
     def take(self, stage: str, recipe: str) -> bool:
         """Claim an artifact. False: another run that is going on makes it just now."""
@@ -30,8 +34,7 @@ class Claims:
             return True
         path = self._path(stage, recipe)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            return self._create(path) or (self._clear(path) and self._create(path)) or self._own(path)
+            return self._create(path) or (self._clear(Path(path)) and self._create(path)) or self._own(path)
         except OSError:
             return True
 
@@ -48,21 +51,32 @@ class Claims:
         holder = _holder(self._path(stage, recipe))
         return holder not in (None, self.lease) and alive(self.store, str(holder))
 
-    def _path(self, stage: str, recipe: str) -> Path:
-        return Path(self.store.root, FOLDER, f"{stage}-{recipe}")
+    def _path(self, stage: str, recipe: str) -> str:  # text: a Path each would take longer than the claim itself
+        return f"{self._folder}/{stage}-{recipe}"
 
-    def _create(self, path: Path) -> bool:
-        """Written aside and linked into place: it is there whole or not at all, and never in place of another."""
-        aside = path.with_name(f"{uuid.uuid4().hex}.new")
-        try:
-            aside.write_text(self.lease)
-            path.hardlink_to(aside)
-        except FileExistsError:
-            return False
-        finally:
-            aside.unlink(missing_ok=True)
+    def _create(self, path: str) -> bool:
+        """Linked into place: it is there whole or not at all, and never in place of another."""
+        for again in (False, True):
+            try:
+                os.link(self._written(again), path)
+            except FileExistsError:
+                return False
+            except FileNotFoundError:  # somebody has tidied up
+                if again:
+                    raise
+            else:
+                break
         self._taken.add(path)
         return True
+
+    def _written(self, anew: bool) -> str:
+        """The file that claims are links to."""
+        if self._text is None or anew:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            text = self._folder / f"{uuid.uuid4().hex}.new"
+            text.write_text(self.lease)
+            self._text = str(text)
+        return self._text
 
     def _clear(self, path: Path) -> bool:
         """Put a killed run's claim aside; of several that try, one succeeds."""
@@ -80,18 +94,22 @@ class Claims:
         aside.unlink(missing_ok=True)
         return True
 
-    def _own(self, path: Path) -> bool:
+    def _own(self, path: str) -> bool:
         return _holder(path) == self.lease
 
-    def _drop(self, path: Path) -> None:
+    def _drop(self, path: str) -> None:
         if path in self._taken:
             self._taken.discard(path)
             with suppress(OSError):
-                path.unlink()
+                Path(path).unlink()
+            if not self._taken and self._text is not None:
+                text, self._text = self._text, None
+                with suppress(OSError):
+                    Path(text).unlink()
 
 
-def _holder(path: Path) -> str | None:
+def _holder(path: str | Path) -> str | None:
     try:
-        return path.read_text()
+        return Path(path).read_text()
     except (OSError, UnicodeDecodeError):
         return None

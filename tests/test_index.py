@@ -114,15 +114,16 @@ def test_what_cannot_be_written_is_kept_for_this_run(
 ) -> None:
     index = Index(tmp_path / "index.sqlite")
     index.quarantine(Failure("square", "a", "00", "ValueError: a", True))
-    db = Failing(index._db, reason)
+    db = Failing(index._database._db, reason)
     error = sqlite3.OperationalError(reason)
     error.sqlite_errorcode = sqlite3.SQLITE_FULL  # type: ignore[attr-defined]
     monkey = pytest.MonkeyPatch()
     monkey.setattr(Failing, "executemany", lambda *_: (_ for _ in ()).throw(error))
-    index._db = db  # type: ignore[assignment]
+    index._database._db = db  # type: ignore[assignment]
     with caplog.at_level(logging.WARNING, "b23d"):
         index.record("square", "11", "b", 1.0, 10, 1.0, Given("c", "k"))
         index.record("square", "22", "b", 3.0, 10, 1.0, Given("c", "k"))
+        index.costs()  # writes what was recorded first
     monkey.undo()
     assert index.costs()["square"].seconds == 2 and index.quarantined().keys() == {"00"}
     assert len(caplog.records) == 1
@@ -172,3 +173,17 @@ def test_an_older_index_is_used(tmp_path: Path) -> None:
     index.record("square", "11", "b", 1.0, 10, 1.0, Given("c", None))
     index.close()
     assert Index(path, write=False).given("square") == {"11": Given("c", None)}
+
+
+def test_what_is_recorded_together_is_read_at_once_and_written_at_the_end(tmp_path: Path) -> None:
+    index = Index(tmp_path / "index.sqlite")
+    index.quarantine(Failure("square", "s0", "00", "ValueError: s0", True))
+    for i in range(20):
+        index.record("square", f"{i:02}", f"s{i}", float(i), 10, 1.0, Given(f"c{i}", f"k{i}"))
+    assert len(index.history("square")) == len(index.given("square")) == 20 and index.quarantined() == {}
+    index.record("square", "20", "s20", 0.0, 10, 1.0, Given("c", "k"))
+    index.quarantine(Failure("square", "s20", "20", "ValueError: s20", True))
+    assert "20" in index.quarantined(), "in the order they were told in"
+    index.record("square", "21", "s21", 0.0, 10, 1.0, Given("c", "k"))
+    index.close()
+    assert len(Index(tmp_path / "index.sqlite", write=False).history("square")) == 22
