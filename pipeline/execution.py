@@ -8,6 +8,7 @@ that would happen to every shape in turn.
 
 from __future__ import annotations
 
+import gc
 import logging
 import time
 from collections.abc import Callable
@@ -91,6 +92,8 @@ class RunLoop:
         self._started, executor = time.perf_counter(), None
         plan = self.run.plan(self.selection)
         with ExitStack() as stack:
+            gc.freeze()  # the collector need not go through hundreds of thousands of nodes again and again
+            stack.callback(gc.unfreeze)
             held = stack.enter_context(lease(self.run.store, self._note(plan), self._progress))
             self._sharing = Sharing(self.run.store, held)
             stack.callback(self._sharing.end)

@@ -34,13 +34,21 @@ class Planner:
         }
         self.shot_checks: dict[tuple[str, str, int], list[Node | None]] = {}
         self.gates = {
-            name: {
-                item.name: [g for g in gates(config.stages, self.sources[name][item.name], item.schema) if g != name]
+            name: [
+                (item, gate)
                 for item in stage.inputs
-            }
+                for gate in gates(config.stages, self.sources[name][item.name], item.schema)
+                if gate != name
+            ]
             for name, stage in config.stages.items()
         }
+        self.of_draws: dict[tuple[str, str, int], Node | None] = {}
+        """(stage, class, draw) → the one node of a stage that asks for nothing but shots."""
         self.sees_shots: dict[str, bool] = {}
+        self.only_shots = {
+            name: bool(stage.inputs) and all(item.per_shot for item in stage.inputs)
+            for name, stage in config.stages.items()
+        }
         self.makers: dict[str, StageAddress] = {}
         self.fingerprints: dict[str, dict[str, str]] = {}
         for name, stage in config.stages.items():
@@ -59,9 +67,20 @@ class Planner:
     def node(self, name: str, shape: Shape, draw: Draw | None) -> Node | None:
         """The node of (stage, shape, draw); None where the shape lacks a leaf that the stage needs."""
         key = (name, shape.name, draw.seed if draw and self.sees_shots[name] else None)
-        if key in self.by_shape:
-            return self.by_shape[key]
+        if (known := self.by_shape.get(key)) is not None:
+            return known
         stage = self.config.stages[name]
+        if draw is None or not self.only_shots[name]:
+            return self._node(stage, shape, draw, key)
+        whole = (name, draw.category, draw.seed)
+        if whole not in self.of_draws:  # the same for thousands of targets
+            self.of_draws[whole] = self._node(stage, shape, draw, key)
+        if (node := self.of_draws[whole]) is not None:
+            self.by_shape[key] = node
+        return node
+
+    def _node(self, stage: Stage, shape: Shape, draw: Draw | None, key: tuple[str, str, int | None]) -> Node | None:
+        name = stage.name
         inputs: dict[str, Node | LeafNode | list[Node | LeafNode] | None] = {}
         for item in stage.inputs:
             value = self._input(stage, item, shape, draw)
@@ -76,7 +95,7 @@ class Planner:
             node = Node(name, shape.name, shape.category, address, address, inputs, shots=shots)
             node.after = tuple(self._checks(stage, shape, draw))
             self.nodes[name, address] = node
-            if shape.error and not all(item.per_shot for item in stage.inputs):
+            if shape.error and not self.only_shots[name]:
                 node.state, node.reason = State.BLOCKED, shape.error
         if key[2] is not None and key[2] not in node.draws:
             node.draws.append(key[2])
@@ -98,7 +117,8 @@ class Planner:
         if node.recipe in self.present[node.stage]:
             node.state = State.CACHED
             return
-        node.accepted = tuple(sorted({word for above in node.upstream() for word in above.accepted}))
+        if self.contents.accepted:
+            node.accepted = tuple(sorted({word for above in node.upstream() for word in above.accepted}))
         if (at := self.contents.found(node)) is not None:
             node.state, node.address = State.CACHED, at
             return
@@ -107,9 +127,11 @@ class Planner:
             if isinstance(above, LeafNode):
                 if above.error:
                     node.state, node.reason = State.BLOCKED, above.error
+            elif above.state is State.CACHED:
+                continue
             elif above.state is State.BLOCKED:
                 node.state, node.reason = State.BLOCKED, above.reason
-            elif above.state is not State.CACHED and above.recipe in self.quarantined:
+            elif above.recipe in self.quarantined:
                 node.state, node.reason = State.BLOCKED, self.quarantined[above.recipe].error
         if node.state is State.RUN and node.stage in self.transient:
             node.state = State.TRANSIENT
@@ -132,16 +154,15 @@ class Planner:
 
     def _checks(self, stage: Stage, shape: Shape, draw: Draw | None) -> Iterator[Node]:
         """The nodes that check the leaves a stage takes, of the shape itself or of the draw's shots."""
-        for item in stage.inputs:
-            for gate in self.gates[stage.name][item.name]:
-                if item.per_shot and draw is not None:
-                    key = (gate, draw.category, draw.seed)
-                    if key not in self.shot_checks:  # the same for thousands of targets
-                        self.shot_checks[key] = [self.node(gate, shot, None) for shot in draw.shots]
-                    found = self.shot_checks[key]
-                else:
-                    found = [] if item.per_shot else [self.node(gate, shape, None)]
-                yield from (node for node in found if node is not None)
+        for item, gate in self.gates[stage.name]:
+            if item.per_shot and draw is not None:
+                key = (gate, draw.category, draw.seed)
+                if key not in self.shot_checks:  # the same for thousands of targets
+                    self.shot_checks[key] = [self.node(gate, shot, None) for shot in draw.shots]
+                found = self.shot_checks[key]
+            else:
+                found = [] if item.per_shot else [self.node(gate, shape, None)]
+            yield from (node for node in found if node is not None)
 
     def _upstream(self, source: str, shape: Shape, draw: Draw | None) -> Node | LeafNode | None:
         if source in self.config.stages:
