@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +37,12 @@ def environment(numbers: Numbers, params: EnvironmentParams) -> Numbers:
 
 def sockets() -> set[tuple[int, str]]:
     """(process, address) of every internet socket on which this process tree listens."""
-    here = psutil.Process()
-    return {
-        (process.pid, connection.laddr.ip)
-        for process in [here, *here.children(recursive=True)]
-        for connection in process.net_connections(kind="inet")
-        if connection.status == psutil.CONN_LISTEN
-    }
+    here, found = psutil.Process(), set[tuple[int, str]]()
+    for process in [here, *here.children(recursive=True)]:
+        with suppress(psutil.NoSuchProcess):  # it has just ended
+            listening = [c for c in process.net_connections(kind="inet") if c.status == psutil.CONN_LISTEN]
+            found.update((process.pid, connection.laddr.ip) for connection in listening)
+    return found
 
 
 def test_nobody_outside_this_machine_reaches_a_local_cluster(tmp_path: Path) -> None:
