@@ -15,20 +15,31 @@ from b23d.schemas.params import Params, choice_of, homes
 P = TypeVar("P", bound=Params)
 
 
-def validate(model: type[P], table: Mapping[str, Any], where: str) -> P:
-    """Raises RunFileError with a line for everything that is wrong; `where` begins each."""
+def validate(
+    model: type[P], table: Mapping[str, Any], where: str, above: Mapping[str, type[Params]] | None = None
+) -> P:
+    """Raises RunFileError with a line for everything that is wrong; `where` begins each.
+
+    above: tables in which a key may belong that this one has not, by their dotted names.
+    """
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        raise RunFileError("\n".join(_line(model, problem, where) for problem in error.errors())) from error
+        raise RunFileError(
+            "\n".join(_line(model, problem, where, above or {}) for problem in error.errors())
+        ) from error
 
 
-def _line(model: type[BaseModel], problem: Any, where: str) -> str:
+def _line(model: type[BaseModel], problem: Any, where: str, above: Mapping[str, type[Params]]) -> str:
     key = ".".join(map(str, problem["loc"]))
     table = _table_at(model, problem["loc"][:-1])
     if problem["type"] == "extra_forbidden":
         name = str(problem["loc"][-1])
         elsewhere = _belongs(table, name, where) if table else None
+        if above:
+            given = problem["input"] if isinstance(problem["input"], dict) else {}
+            own = {where.rpartition("[")[2].rstrip("]"): model, **above}
+            elsewhere = elsewhere or next(filter(None, (_lives(str(key), own) for key in (name, *given))), None)
         elsewhere = elsewhere or suggest(name, table.model_fields if table else ())
         return f"{where}: expected a known key, got {key!r}; {elsewhere}"
     if problem["type"] == "missing":
@@ -65,6 +76,14 @@ def _belongs(model: type[BaseModel], name: str, where: str) -> str | None:
         dict.fromkeys(str(choice[1]) if choice else home[0] for choice, home in zip(choices, found, strict=True))
     )
     return f"{name} belongs to {of}{owners}: set {stage}.{'.'.join(found[0])}"
+
+
+def _lives(name: str, tables: Mapping[str, type[BaseModel]]) -> str | None:
+    """Where a key belongs that no table inside its own has: the first of these that has it, at the top or deeper."""
+    for where, table in tables.items():
+        if found := [(name,)] * (name in table.model_fields) or homes(table, name):
+            return f"{name} belongs to {where}: set {where}.{'.'.join(found[0])}"
+    return None
 
 
 def _table_at(model: type[BaseModel], location: Iterable[Any]) -> type[BaseModel] | None:

@@ -65,7 +65,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     for name in file.stages:
         if name not in installed:
             raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {suggest(name, installed)}")
-    every = {name: _params(installed[name], file, path) for name in {**stages, **file.stages}}
+    every = {name: _params(installed, name, file, path) for name in {**stages, **file.stages}}
     params = {name: every[name] for name in stages}  # tables of the others are checked as well
     for text in overrides:
         if not isinstance(text, Carried) and (reason := _unused(text, every)):
@@ -235,9 +235,11 @@ def _dataset(file: RunFile, path: Path) -> Dataset:
     return validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset, where), where)
 
 
-def _params(stage: Stage, file: RunFile, path: Path) -> Params:
-    where = f"run file {path}: [stages.{stage.name}]"
-    return validate(stage.params, _absolute(stage.params, file.stages.get(stage.name, {}), where), where)
+def _params(installed: Mapping[str, Stage], name: str, file: RunFile, path: Path) -> Params:
+    where, stage = f"run file {path}: [stages.{name}]", installed[name]
+    feeders = [feeding(file, item.upstream) for item in stage.inputs]
+    above = {f"stages.{feeder}": installed[feeder].params for feeder in feeders if feeder in installed}
+    return validate(stage.params, _absolute(stage.params, file.stages.get(name, {}), where), where, above)
 
 
 def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict[str, Any]:

@@ -29,7 +29,7 @@ class KeypointHead(Artifact):
     threshold: float
     """An id is judged present where its largest probability on the target reaches this; 0: always."""
     features: Literal["raw", "centred", "centred-unit", "standardised"]
-    """Scale of the features, as `optimize` has it."""
+    """Scale of the features, as `learn`'s template has it."""
     context: float
     """σ of the Gaussian geodesic neighbourhood whose mean feature joins the input, in units of the largest distance; 0:
     none."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.features import GeodesicDistances, PointFeatures
-from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.shot_model import ShotModel
 from b23d.stages.solvers.options import OptimizeParams
 
 if TYPE_CHECKING:
@@ -18,49 +18,51 @@ if TYPE_CHECKING:
     from b23d.stages.solvers.options import Adam, Discrete, Softmax
 
 
-@stage(version=3, hints=Hints(memory_gb=0.5))
+@stage(version=4, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,
     geodesic: GeodesicDistances,
-    shot_normalize: list[NormalizedShape],
-    shot_reweight: list[PointFeatures],
-    shot_geodesic: list[GeodesicDistances],
-    shot_keypoints: list[Keypoints],
+    learn: ShotModel,
     params: OptimizeParams,
 ) -> Prediction:
     """The shots' keypoints on the target, one for every id that any shot used has.
 
-    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare: with the
-    method's own constants, or with the defaults where it has none. `costs` are each keypoint's share of it and sum to
-    it. `shots` are the indices of the shots used. A pair of the target's
+    `objective` is L_feature + α L_distance of the chosen candidates for every method, so methods compare. `costs` are
+    each keypoint's share of it and sum to it. `shots` are the indices of the shots used. A pair of the target's
     candidates that no path joins counts as the shape's largest distance; such a pair of a shot's keypoints counts as
     not observed.
 
-    Raises ValueError: no keypoint in any shot; several shots of which no two share an id; features of different
-    encoders; features or distances that do not fit the candidates or are not finite; a keypoint beyond the cloud.
+    Raises ValueError: features of another encoder than the shots'; features or distances that do not fit the candidates
+    or are not finite.
     """
     from b23d.stages.solvers.objective import objective, shares
-    from b23d.stages.solvers.posing import pose
+    from b23d.stages.solvers.posing import check_channels, pose
     from b23d.stages.solvers.posterior.finding import find
     from b23d.stages.solvers.presence import presence
-    from b23d.stages.solvers.retrieval import retrieve
-    from b23d.stages.solvers.shots import described, labelled
+    from b23d.stages.solvers.retrieval import weights_of
+    from b23d.stages.solvers.scaling import relative_distances, scale_features
+    from b23d.stages.solvers.shots import check_fit
+    from b23d.stages.solvers.template import template_of
 
-    target = described("the target", normalize, reweight, geodesic)
-    shots = labelled(shot_normalize, shot_reweight, shot_geodesic, shot_keypoints)
-    if params.retrieval:
-        shots = [shots[retrieve(reweight, shot_reweight)]]
-    template, problem = pose(target, shots, params.measure)
-    rule = params.chosen.presence
-    present, confidence = presence(template, rule), None
+    check_fit("the target", normalize, reweight, geodesic)
+    check_channels(learn, reweight.features, "the target")
+    weights = weights_of(learn, reweight, params.retrieval)
+    template = template_of(learn, weights)
+    features = scale_features(reweight.features, learn.feature_scale, reweight.observed)
+    distances = relative_distances(geodesic.distances)
+    problem = pose(features, distances, learn, template, params.alpha)
+    present, confidence = presence(template, params.presence), None
     if params.method == "posterior":
-        found = find(target, shots, params.posterior)
+        if learn.feature_scale != "centred-unit":
+            features = scale_features(reweight.features, "centred-unit", reweight.observed)
+        found = find(normalize.points, features, distances, learn, weights, params.posterior)
         choice, confidence = found.points, found.hits.astype(np.float32)
-        present = found.present if rule == "evidence" else present
+        present = found.present if params.presence == "evidence" else present
     else:
         choice = _solve(problem, params)
-    costs = shares(problem, choice)
+    chosen, each = problem.among(choice), np.arange(len(choice))
+    costs = shares(chosen, each)
     return Prediction(
         ids=template.ids,
         points=choice.astype(np.int32),
@@ -68,7 +70,7 @@ def optimize(
         present=present,
         costs=costs.astype(np.float32),
         confidence=confidence,
-        objective=float(objective(problem, choice)),
+        objective=float(objective(chosen, each)),
         method=params.method,
         shots=template.shots,
     )

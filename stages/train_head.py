@@ -25,7 +25,7 @@ class TrainHeadParams(Params):
     """What is trained, and how. Defaults fit a few shots of 2,048 candidates: about a second on one core."""
 
     features: Literal["raw", "centred", "centred-unit", "standardised"] = "centred-unit"
-    """Scale of the features, each shape by itself, as `optimize` has it; every channel is then standardised over all
+    """Scale of the features, each shape by itself, as `learn` has it; every channel is then standardised over all
     shots."""
     context: float = Field(default=0.2, ge=0)
     """σ of the Gaussian geodesic neighbourhood whose mean feature joins each point's own, in units of the shape's

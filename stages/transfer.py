@@ -24,7 +24,7 @@ class TransferParams(Params):
     weighting: Literal["similarity", "uniform"] = "similarity"
     """A vote's weight: 1 + cosine, or 1. Equal sums go to the part with the lower index."""
     features: Literal["raw", "centred", "centred-unit", "standardised"] = "centred-unit"
-    """Scale of the features before the cosine, each shape by itself, as `optimize` has it; "raw" and "centred" differ
+    """Scale of the features before the cosine, each shape by itself, as `learn` has it; "raw" and "centred" differ
     in the mean only."""
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from b23d.schemas.params import Params, homes, tables_of
+from b23d.stages.optimize import OptimizeParams
+from b23d.stages.solvers.learn_options import LearnParams
 
 P = TypeVar("P", bound=Params)
 
@@ -24,3 +26,11 @@ def placed(model: type[P], **options: Any) -> P:
                 table = table.setdefault(step, {})
             table[home[-1]] = options[key]
     return model.model_validate(tables)
+
+
+def of_learn_and_optimize(**options: Any) -> tuple[LearnParams, OptimizeParams]:
+    """Each option goes to the stage that has it."""
+    search = {key: value for key, value in options.items() if key in OptimizeParams.model_fields}
+    search |= {key: value for key, value in options.items() if homes(OptimizeParams, key)}
+    shots = {key: value for key, value in options.items() if key not in search}
+    return placed(LearnParams, **shots), placed(OptimizeParams, **search)

@@ -198,12 +198,17 @@ def solids(turned: bool) -> tuple[Any, list[Any]]:
     return (target[0], target[1].model_copy(update={"features": noisy.astype(np.float16)}), *target[2:]), boxes
 
 
+def taught(params: Any, turned: bool = False) -> Any:
+    """The model of solid shots."""
+    return stage("learn").function(*[list(c) for c in zip(*solids(turned)[1], strict=True)], params)
+
+
 def solved(params: Any, turned: bool = False) -> Artifact:
     if params.method != "posterior":
-        made: Artifact = stage("optimize").function(*annotated(5, (), ())[:3], *columns(), params)
+        model = stage("learn").function(*columns(), default("learn"))
+        made: Artifact = stage("optimize").function(*annotated(5, (), ())[:3], model, params)
         return made
-    target, shots = solids(turned)
-    found: Artifact = stage("optimize").function(*target[:3], *[list(c) for c in zip(*shots, strict=True)], params)
+    found: Artifact = stage("optimize").function(*solids(turned)[0][:3], taught(default("learn"), turned), params)
     return found
 
 
@@ -211,7 +216,8 @@ def solved_on_few(params: Any) -> Artifact:
     """A target of six candidates, five of which are wanted."""
     points, features, distances = test_optimize.sphere(5, n=6)
     target = test_optimize.shape_of(points), test_optimize.features_of(features), test_optimize.distances_of(distances)
-    made: Artifact = stage("optimize").function(*target, *columns(), params)
+    model = stage("learn").function(*columns(), default("learn"))
+    made: Artifact = stage("optimize").function(*target, model, params)
     return made
 
 
@@ -225,6 +231,7 @@ MAKE: dict[str, Make] = {
     "geodesic": lambda params: stage("geodesic").function(bare(), params),
     "import_features": import_features,
     "import_predictions": import_predictions,
+    "learn": taught,
     "normalize": normalized,
     "optimize": solved,
     "render": lambda params: stage("render").function(mesh(), params),

@@ -10,20 +10,15 @@ WATERTIGHT = {"max_nonfinite": 0.5, "watertight": True, "watertight_resolution":
 SPECTRAL = {"hks.eigenpairs": 20, "wks.eigenpairs": 20, "wks.energies": 8}
 TINY = {"encoder": "test/tiny", "precision": "fp32", "input_size": 112}
 SHORT = {"steps": 20, "absent": "never"}
-SOLVERS = {
-    "features": ({}, "raw"),
-    "source_features": ({"source_sigma": 0.5}, "keypoints"),
-    "source_sigma": ({"source_features": "keypoints"}, 0.5),
-    "presence": ({}, "majority"),
-}
-OBJECTIVE = SOLVERS | {
-    "alpha": ({}, 3.0),
-    "combine": ({}, "sum_distances"),
-    "distances": ({}, "unit-frame"),
-    "mask": ({"one_to_one": True}, "positive"),
-    "one_to_one": ({"alpha": 0.0}, True),
-}
 ADAM = {"beta": ({}, 5.0), "steps": ({}, 12), "learning_rate": ({}, 1.0)}
+
+DISCRETE: dict[str, tuple[dict[str, Any], Any]] = {
+    "one_to_one": ({"alpha": 0.0}, True),
+    "starts": ({"alpha": 30.0}, 2),
+    "passes": ({"alpha": 1000.0, "discrete.starts": 8}, 1),
+    "seed": ({"alpha": 30.0, "discrete.starts": 4, "discrete.passes": 1}, 4),
+    "softmax_start": ({"alpha": 30.0, "discrete.starts": 2, "discrete.passes": 1, "discrete.softmax.steps": 40}, True),
+}
 
 
 def under(table: str, options: dict[str, tuple[dict[str, Any], Any]], **beside: Any) -> dict[str, Any]:
@@ -129,6 +124,34 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
             format="sift3d-csv",
         ),
     },
+    "learn": {
+        "components": ({}, 2),
+        "ridge": ({}, 30.0),
+        "radii": ({}, (0.3,)),
+        "gate_prior": ({"same_frame": 180.0}, 1000.0),
+        "same_frame": ({}, 180.0),
+        **under(
+            "deformation",
+            {
+                "affine_sd": ({}, 3.0),
+                "quadratic_sd": ({}, 3.0),
+                "smooth_sd": ({}, 3.0),
+                "smooth_length": ({}, 0.01),
+                "independent_sd": ({}, 0.01),
+            },
+        ),
+        **under(
+            "template",
+            {
+                "features": ({}, "raw"),
+                "source_features": ({"source_sigma": 0.5}, "keypoints"),
+                "source_sigma": ({"source_features": "keypoints"}, 0.5),
+                "combine": ({}, "sum_distances"),
+                "distances": ({}, "unit-frame"),
+                "mask": ({}, "positive"),
+            },
+        ),
+    },
     "normalize": {
         "candidates": ({"max_nonfinite": 0.5, "count": 20}, "fps"),
         "count": ({"max_nonfinite": 0.5, "candidates": "fps", "count": 20}, 30),
@@ -142,55 +165,36 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
     },
     "optimize": {
         "method": ({}, "nearest"),
+        "alpha": ({}, 3.0),
         "retrieval": ({}, True),
+        "presence": ({}, "majority"),
         **under(
             "posterior",
             {
-                "components": ({}, 2),
-                "ridge": ({}, 30.0),
-                "radii": ({}, (0.3,)),
                 "keypoint_weight": ({}, 15.0),
                 "identity_weight": ({}, 8.0),
                 "shift_sd": ({}, 0.01),
-                "affine_sd": ({}, 3.0),
-                "quadratic_sd": ({}, 3.0),
-                "smooth_sd": ({}, 3.0),
-                "smooth_length": (
-                    {"smooth_sd": 1.0, "affine_sd": 0.0, "keypoint_weight": 0.2, "identity_weight": 0.1},
-                    0.01,
-                ),
-                "independent_sd": ({}, 0.01),
                 "distance_weight": ({}, 50.0),
                 "distance_sd": ({}, 0.005),
-                "gate_prior": ({"same_frame": 180.0}, 1000.0),
-                "same_frame": ({}, 180.0),
                 "turns": ({}, 2),
                 "turn_concentration": ({"temper": 1e6}, 2000.0),
                 "sides_sd": ({"temper": 1e6}, 1000.0),
                 "temper": ({"sides_sd": 0.001}, 1e6),
                 "iterations": ({}, 1),
                 "hit_radius": ({}, 0.5),
-                "presence": ({}, "majority"),
                 "present": ({}, 1.0),
             },
         ),
-        **under(
-            "discrete",
-            OBJECTIVE
-            | {
-                "starts": ({"alpha": 30.0}, 2),
-                "passes": ({"alpha": 1000.0, "starts": 8}, 1),
-                "seed": ({"alpha": 30.0, "starts": 4, "passes": 1}, 4),
-                "softmax_start": ({"alpha": 30.0, "starts": 2, "passes": 1, "softmax.steps": 40}, True),
-            },
-            method="discrete",
-        ),
+        **{
+            f"discrete.{name}": (settings | {"method": "discrete"}, other)
+            for name, (settings, other) in DISCRETE.items()
+        },
         **under(
             "discrete.softmax",
             {"beta": ({}, 50.0), "steps": ({"steps": 2}, 40), "learning_rate": ({}, 1.0)},
             method="discrete",
             **{
-                "discrete.alpha": 30.0,
+                "alpha": 30.0,
                 "discrete.starts": 2,
                 "discrete.passes": 1,
                 "discrete.softmax_start": True,
@@ -199,12 +203,11 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
         ),
         **under(
             "softmax",
-            OBJECTIVE | ADAM | {"seed": ({}, 1), "one_to_one": ({"steps": 1}, True)},
+            ADAM | {"seed": ({}, 1), "one_to_one": ({"steps": 1}, True)},
             method="softmax",
             **{"softmax.steps": 40},
         ),
-        **under("nearest", SOLVERS, method="nearest"),
-        **under("hungarian", SOLVERS | {"assignment": ({}, "sorted")}, method="hungarian"),
+        "hungarian.assignment": ({"method": "hungarian"}, "sorted"),
     },
     "render": {
         "layout": (SMALL | {"fibonacci.views": 6}, "fibonacci"),

@@ -65,7 +65,7 @@ def make_mixed(folder: Path) -> Run:
     (folder / "shapes" / "keypoints.json").write_text(json.dumps(entries))
     path = folder / "mixed.toml"
     path.write_text(RUN.format(store=folder / "store"))
-    run = Run.load(path, ["stages.optimize.posterior.ridge=0.5"])
+    run = Run.load(path, ["stages.learn.ridge=0.5"])
     report = run.execute(workers=0)
     assert {failure.shape for failure in report.failures} == {"box/broken", "class lonely"}, report.failures
     return run

@@ -58,13 +58,13 @@ def test_steps_are_in_dataflow_order_between_the_detours() -> None:
     assert [str(step) for step in (steps[0], *steps[-2:])] == [
         "optimize.method: softmax → discrete",
         "optimize.method: discrete → posterior",
-        "optimize.posterior.presence: all → evidence",
+        "optimize.presence: all → evidence",
     ]
     order = list(load_config(RUNS / "keypointnet.toml").stages)
     stages = [order.index(step.field.split(".")[1]) for step in steps[1:-2]]
     assert stages == sorted(stages)
     assert len({step.field for step in steps[1:-2]}) == len(steps) - 3
-    assert "stages.optimize.discrete.alpha" in {step.field for step in steps}
+    assert "stages.optimize.alpha" in {step.field for step in steps}
 
 
 def test_detours_are_for_fields_that_differ() -> None:
@@ -78,7 +78,7 @@ def test_detours_are_for_fields_that_differ() -> None:
 
 
 def test_fixed_fields_have_no_step() -> None:
-    fixed = ("stages.optimize.discrete.alpha", "stages.optimize.method")
+    fixed = ("stages.optimize.alpha", "stages.optimize.method")
     assert not set(fixed) & {step.field for step in between(fixed=fixed).steps}
 
 
@@ -111,7 +111,7 @@ def ablate(*arguments: str) -> str:
 
 
 def test_dry_run_prints_the_steps_and_does_nothing(boxes: Path) -> None:
-    output = ablate(str(boxes), "--dry-run", "--set", "stages.optimize.discrete.alpha=1")
+    output = ablate(str(boxes), "--dry-run", "--set", "stages.optimize.alpha=1")
     assert output.splitlines()[0].strip() == "1 optimize.method: softmax → discrete"
     assert "alpha" not in output
     assert not (boxes.parent / "store").exists()
@@ -121,12 +121,12 @@ def test_released_to_corrected_end_to_end(boxes: Path) -> None:
     arguments = (str(boxes), "--workers", "0", "--set", "stages.optimize.softmax.steps=5")
     output = ablate(*arguments)
     ran = dict(re.findall(r"^(.+): ran (.+) in \d+ s, AUC", output, re.M))
-    downstream = ["normalize", "render", "extract", "backproject", "geodesic", "reweight", "optimize", "score"]
+    downstream = ["normalize", "render", "extract", "backproject", "geodesic", "reweight", "learn", "optimize", "score"]
     assert ran.pop("released") == ", ".join([*downstream[:6], "annotation", *downstream[6:]])
     assert list(ran) == [str(step) for step in between().steps]
     for label, stages in ran.items():
         changed = label.split(".")[0]
-        allowed = {"geodesic": {"geodesic", "reweight", "optimize", "score"}}.get(
+        allowed = {"geodesic": {"geodesic", "reweight", "learn", "optimize", "score"}}.get(
             changed, set(downstream[downstream.index(changed) :])
         )
         assert set(stages.split(", ")) <= allowed - {"geodesic"} | {changed}, label

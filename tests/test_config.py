@@ -80,20 +80,20 @@ def test_an_option_of_a_method_that_is_not_chosen_is_an_error_that_says_how_to_c
     run = RUNS / "corrected.toml"
     for override, wanted in [
         (
-            "stages.optimize.discrete.alpha=2",
+            "stages.optimize.discrete.starts=2",
             "discrete; choose that with --set stages.optimize.method=discrete",
         ),
-        ("stages.optimize.discrete={alpha = 2}", "--set stages.optimize.method=discrete"),
+        ("stages.optimize.discrete={starts = 2}", "--set stages.optimize.method=discrete"),
         ("stages.render.fibonacci.views=9", "--set stages.render.layout=fibonacci"),
         ("stages.normalize.watertight_resolution=32", "--set stages.normalize.watertight=true"),
         ("stages.calibrate.iss.gamma_21=.9", "--set stages.calibrate.method=iss"),
     ]:
         with pytest.raises(RunFileError, match=re.escape(wanted)):
             load_config(run, [override])
-    both = ["stages.optimize.discrete={source_sigma = 0.1}", "stages.optimize.method=discrete"]
-    with pytest.raises(RunFileError, match=r"--set stages\.optimize\.discrete\.source_features=keypoints"):
+    both = ["stages.optimize.discrete={softmax = {steps = 5}}", "stages.optimize.method=discrete"]
+    with pytest.raises(RunFileError, match=r"--set stages\.optimize\.discrete\.softmax_start=true"):
         load_config(run, both)
-    load_config(run, [*both, "stages.optimize.discrete.source_features=keypoints"])
+    load_config(run, [*both, "stages.optimize.discrete.softmax_start=true"])
 
 
 def test_a_run_file_may_hold_several_methods_and_set_switches() -> None:
@@ -101,19 +101,27 @@ def test_a_run_file_may_hold_several_methods_and_set_switches() -> None:
     configs = [load_config(run, [f"stages.optimize.method={method}"]) for method in methods]
     hashed = [config.params["optimize"].hashed() for config in configs]
     assert [sorted(table.keys() & set(methods)) for table in hashed] == [["softmax"], ["discrete"]]
-    assert hashed[1]["discrete"]["alpha"] == 4
-    with pytest.raises(RunFileError, match="greater than or equal to 0"):  # tables not chosen are checked
-        load_config(run, [Carried("stages.optimize.discrete.alpha=-1")])
+    assert hashed[1]["discrete"]["starts"] == 32
+    with pytest.raises(RunFileError, match="input should be 'labelled'"):  # tables not chosen are checked
+        load_config(run, [Carried("stages.optimize.hungarian.assignment=-1")])
 
 
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("stages.optimize.alpha=1", "alpha belongs to method discrete, softmax: set stages.optimize.discrete.alpha"),
+        ("stages.optimize.starts=1", "starts belongs to method discrete: set stages.optimize.discrete.starts"),
+        ("stages.optimize.discrete.alpha=1", "alpha belongs to stages.optimize: set stages.optimize.alpha"),
+        ("stages.optimize.posterior.ridge=1", "ridge belongs to stages.learn: set stages.learn.ridge"),
+        ("stages.optimize.softmax.mask=pairs", "mask belongs to stages.learn: set stages.learn.template.mask"),
+        ("stages.optimize.affine_sd=1", "affine_sd belongs to stages.learn: set stages.learn.deformation.affine_sd"),
+        (
+            "stages.optimize.nearest.features=raw",
+            "features belongs to stages.learn: set stages.learn.template.features",
+        ),
         ("stages.optimize.steps=1", "steps belongs to method softmax, discrete: set stages.optimize.softmax.steps"),
         ("stages.calibrate.iss_gamma_21=1", "belongs to method iss: set stages.calibrate.iss.gamma_21"),
         ("stages.geodesic.neighbors=9", "belongs to method graph, heat: set stages.geodesic.graph.neighbors"),
-        ("stages.optimize.discrete.alpa=9", "did you mean 'alpha'"),
+        ("stages.optimize.discrete.pases=9", "did you mean 'passes'"),
     ],
 )
 def test_a_field_in_the_wrong_place_is_an_error_that_says_where_it_lives(override: str, message: str) -> None:
@@ -127,7 +135,7 @@ def test_a_table_that_was_a_number_says_what_it_takes() -> None:
 
 
 def test_what_goes_through_a_series_may_count_in_one_run_of_it_but_not_in_none() -> None:
-    text = "stages.optimize.discrete.alpha=2"
+    text = "stages.optimize.discrete.starts=2"
     methods = [[Carried(text), f"stages.optimize.method={method}"] for method in ("posterior", "discrete")]
     posterior, discrete = (load_config(RUNS / "demo.toml", overrides) for overrides in methods)
     refuse_unused([text], [posterior, discrete])

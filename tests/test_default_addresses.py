@@ -28,14 +28,14 @@ CHANGED = {
     "import_predictions": "`spacing` and `origin` moved into the table of the one format that uses them",
     "normalize": "version 2: concave polygons, glTF and text files are read otherwise; `watertight_resolution` dropped "
     "where nothing is made watertight",
-    "optimize": "version 3: predictions say how sure they are; the options moved into the methods' tables, `sweeps` "
-    "of the posterior is `iterations`",
+    "optimize": "version 4: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
+    "concern the shots; predictions say how sure they are",
     "render": "version 2: of a cloud of over 100,000 points some are drawn; `rings` and `count` moved into "
     "the layouts' tables",
     "train_head": "`hidden` and its `seed` moved into the table of the detector with a hidden layer",
 }
 """Stage → why its address at the defaults is another than before."""
-NEW = {"annotation"}
+NEW = {"annotation", "learn"}
 """Stages that were not there before."""
 
 

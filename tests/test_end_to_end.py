@@ -58,14 +58,16 @@ def test_an_option_of_optimize_re_runs_optimize_and_score_only_and_sigma_from_th
         stages = json.loads(b23d("plan", str(small), "--json", "--set", override))["stages"]
         return {name for name, row in stages.items() if row["run"]}
 
-    assert to_run("stages.optimize.posterior.ridge=7") == {"optimize", "score"}
-    assert to_run("stages.reweight.sigma=0.07") == {"reweight", "optimize", "score"}
-    assert to_run("shots.draws=[9]") <= {"optimize", "score"}
+    assert to_run("stages.optimize.method=nearest") == {"optimize", "score"}, "the shots' model serves every method"
+    assert to_run("stages.learn.ridge=7") == {"learn", "optimize", "score"}
+    assert to_run("stages.reweight.sigma=0.07") == {"reweight", "learn", "optimize", "score"}
+    assert to_run("shots.draws=[9]") <= {"learn", "optimize", "score"}
     assert to_run("stages.render.rings.count=2") == {
         "render",
         "extract",
         "backproject",
         "reweight",
+        "learn",
         "optimize",
         "score",
     }

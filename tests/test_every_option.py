@@ -19,9 +19,10 @@ ELSEWHERE: dict[str, Make] = {
     "render.disc_radius": lambda params: stage("render").function(cases.bare(), params),
     "render.disc_neighbours": lambda params: stage("render").function(cases.bare(), params),
     "optimize.softmax.one_to_one": cases.solved_on_few,
+    **{f"learn.{name}": lambda params: cases.taught(params, turned=True) for name in ("gate_prior", "same_frame")},
     **{
         f"optimize.posterior.{name}": lambda params: cases.solved(params, turned=True)
-        for name in ("gate_prior", "same_frame", "turns", "turn_concentration", "sides_sd", "temper")
+        for name in ("turns", "turn_concentration", "sides_sd", "temper")
     },
 }
 """Options that show on other inputs than their stage's."""
@@ -40,13 +41,13 @@ def build(name: str, settings: dict[str, Any]) -> Params:
 
 
 def made(make: Make, params: Params) -> list[Any]:
-    """Arrays and numbers, or the error."""
+    """Arrays, numbers and words, or the error."""
     try:
         artifact = make(params)
     except (ValueError, RuntimeError, ImportError) as error:
         return [type(error).__name__, str(error)]
     arrays = [(name, array.shape, array.tobytes()) for name, array in sorted(artifact.present_arrays().items())]
-    return [*arrays, *(value for value in vars(artifact).values() if isinstance(value, float))]
+    return [*arrays, *(value for value in artifact.plain_fields().values() if isinstance(value, float | str))]
 
 
 OPTIONS = [

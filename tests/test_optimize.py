@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,13 @@ from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.optimize import OptimizeParams, optimize
-from b23d.stages.solvers.retrieval import retrieve
-from b23d.stages.solvers.scaling import scale_distances, scale_features
-from b23d.stages.solvers.template import AtKeypoints, combine_shots, smooth_among
-from tests.made_params import placed
+from b23d.schemas.shot_model import ShotModel
+from b23d.stages.learn import learn
+from b23d.stages.optimize import optimize
+from b23d.stages.solvers.learn_options import LearnParams
+from b23d.stages.solvers.scaling import relative_distances, scale_features
+from b23d.stages.solvers.template import Template, smooth_among, template_of
+from tests.made_params import of_learn_and_optimize
 
 Labelled = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
 
@@ -79,8 +82,9 @@ def labelled(seed: int, ids: list[int], indices: list[int], token: np.ndarray | 
 
 def solve(target: Labelled, shots: list[Labelled], **params: Any) -> Prediction:
     """The paper's objective by the discrete solver, unless told otherwise; the posterior method has its own tests."""
-    columns = [list(column) for column in zip(*shots, strict=True)]
-    return optimize(*target[:3], *columns, placed(OptimizeParams, **{"method": "discrete", **params}))
+    teaching, search = of_learn_and_optimize(**{"method": "discrete", **params})
+    model = learn(*(list(column) for column in zip(*shots, strict=True)), teaching)  # type: ignore[arg-type]
+    return optimize(*target[:3], model, search)
 
 
 IDS, AT = [0, 2, 5, 9], [3, 50, 120, 180]
@@ -165,9 +169,33 @@ def test_scales_of_shape_and_features_do_not_matter() -> None:
 # what the shots ask for (the table of differences: `test_rows_choice.py`)
 
 
-def shot(name: str, ids: list[int], features: list[float], distances: np.ndarray) -> AtKeypoints:
-    return AtKeypoints(
-        name, np.array(ids, np.int32), np.array(features, np.float32)[:, None], distances.astype(np.float32)
+Few = tuple[list[int], list[float], np.ndarray]
+"""Ids of a shot, the one channel of each keypoint's feature, and their mutual distances, as the shot has them."""
+
+
+def combined(*shots: Few, weights: list[float] | None = None, **template: Any) -> Template:
+    """The template of shots of which this alone is known."""
+    ids = sorted({i for own, _, _ in shots for i in own})
+    model = learn_stand_in(ids, shots, {"combine": "mean", "mask": "pairs", **template})
+    return template_of(model, np.array(weights or [1.0] * len(shots)))
+
+
+def learn_stand_in(ids: list[int], shots: Sequence[Few], template: dict[str, Any]) -> ShotModel:
+    made = learn(*(list(column) for column in zip(*[labelled(0, IDS, AT)], strict=True)), LearnParams())  # type: ignore[arg-type]
+    s, k = len(shots), len(ids)
+    has, features, distances = np.zeros((s, k), bool), np.zeros((s, k, 1), np.float32), np.zeros((s, k, k), np.float32)
+    for i, (own, values, between) in enumerate(shots):
+        rows = np.searchsorted(ids, own)
+        has[i, rows], features[i, rows, 0], distances[i][np.ix_(rows, rows)] = True, values, between
+    return made.model_copy(
+        update={
+            "shots": [str(i) for i in range(s)],
+            "ids": np.array(ids, np.int32),
+            "has": has,
+            "features": features,
+            "distances": distances,
+            **template,
+        }
     )
 
 
@@ -176,9 +204,7 @@ def line(*places: float) -> np.ndarray:
 
 
 def test_averages_are_per_id_and_per_pair() -> None:
-    template = combine_shots(
-        [shot("a", [7, 1], [2, 4], line(0, 0.5)), shot("b", [1, 3, 7], [6, 8, 4], line(0, 0.1, 0.3))]
-    )
+    template = combined(([7, 1], [2, 4], line(0, 0.5)), ([1, 3, 7], [6, 8, 4], line(0, 0.1, 0.3)))
     assert template.ids.tolist() == [1, 3, 7]
     assert template.counts.tolist() == [2, 1, 2]
     assert template.features[:, 0].tolist() == [5, 8, 3]
@@ -188,9 +214,21 @@ def test_averages_are_per_id_and_per_pair() -> None:
 def test_unreachable_pairs_of_a_shot_are_not_observed() -> None:
     apart = line(0, 0.5)
     apart[0, 1] = apart[1, 0] = np.inf
-    both = combine_shots([shot("a", [0, 1], [0, 0], apart), shot("b", [0, 1], [0, 0], line(0, 0.3))])
+    both = combined(([0, 1], [0, 0], apart), ([0, 1], [0, 0], line(0, 0.3)))
     assert both.distances[0, 1] == pytest.approx(0.3)
-    assert not combine_shots([shot("a", [0, 1], [0, 0], apart)]).mask.any()
+    assert not combined(([0, 1], [0, 0], apart)).mask.any()
+
+
+def test_a_shot_that_counts_twice_is_as_good_as_two() -> None:
+    one, other = ([7, 1], [2.0, 4.0], line(0, 0.5)), ([1, 3, 7], [6.0, 8.0, 4.0], line(0, 0.1, 0.3))
+    for combine in ("mean", "sum_distances"):
+        weighed, given = (
+            combined(one, other, weights=[2, 1], combine=combine),
+            combined(one, one, other, combine=combine),
+        )
+        for name in ("ids", "features", "distances", "mask", "counts", "of"):
+            np.testing.assert_allclose(getattr(weighed, name), getattr(given, name), rtol=1e-6)
+    assert combined(one, other, weights=[1, 0]).ids.tolist() == [1, 7], "ids of the shots that count"
 
 
 def test_unreachable_pairs_of_the_target_count_as_its_largest_distance() -> None:
@@ -229,10 +267,12 @@ def test_feature_statistics_come_from_observed_points() -> None:
 def test_distance_scales() -> None:
     distances = line(0, 0.5, 2)
     distances[0, 2] = distances[2, 0] = np.inf
-    assert scale_distances(distances, "largest")[1, 2] == 1
-    assert np.isinf(scale_distances(distances, "largest")[0, 2])
-    assert scale_distances(distances, "unit-frame")[1, 2] == 1.5
-    assert not scale_distances(np.zeros((3, 3)), "largest").any()
+    for dtype in (np.float16, np.float64):
+        found = relative_distances(distances.astype(dtype))
+        assert found.relative[1, 2] == 1 and found.relative[0, 2] == 1 and found.largest == 1.5
+        assert found.unreachable is not None and np.argwhere(found.unreachable).tolist() == [[0, 2], [2, 0]]
+    nothing = relative_distances(-np.zeros((3, 3), np.float16))
+    assert not nothing.relative.any() and nothing.unreachable is None
 
 
 def test_retrieval_takes_the_shot_with_the_nearest_class_token() -> None:
@@ -244,10 +284,12 @@ def test_retrieval_takes_the_shot_with_the_nearest_class_token() -> None:
 
 
 def test_retrieval_without_class_tokens_compares_mean_features() -> None:
-    means = [[1.0, 0], [0, 1.0], [1, 1.0]]
-    assert (
-        retrieve(features_of(np.tile([2.0, 1.9], (4, 1))), [features_of(np.tile(mean, (3, 1))) for mean in means]) == 2
-    )
+    shots = [labelled(i, [i, 8], AT[:2]) for i in range(3)]
+    means = np.random.default_rng(0).normal(0, 5, (3, 12))
+    shots = [(one[0], features_of(one[1].features + mean), *one[2:]) for one, mean in zip(shots, means, strict=True)]
+    points, features, distances = sphere(5)
+    target = shape_of(points), features_of(features + 3 * means[2]), distances_of(distances), shots[0][3]
+    assert solve(target, shots, retrieval=True).shots == ["2"]
 
 
 def test_presence_by_majority() -> None:
@@ -280,11 +322,11 @@ def test_one_shot_without_keypoints_among_others_is_no_error() -> None:
 def test_features_of_different_encoders() -> None:
     points, features, distances = sphere(3, channels=5)
     other = (shape_of(points), features_of(features), distances_of(distances), keypoints_of(IDS, AT, points))
-    with pytest.raises(ValueError, match="expected 5 channels as the shots have, got 12"):
+    with pytest.raises(ValueError, match=r"expected 5 channels as the shots have \(test\), got 12"):
         solve(labelled(1, [], []), [other])
     with pytest.raises(ValueError, match="as many channels in every shot"):
         solve(labelled(1, [], []), [other, labelled(0, IDS, AT)])
-    with pytest.raises(ValueError, match="of one length"):
+    with pytest.raises(ValueError, match=r"expected 5 channels as the shots have \(test\), got 12"):
         solve(labelled(1, [], []), [other, other], retrieval=True)
 
 

@@ -12,14 +12,19 @@ from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
-from b23d.stages.optimize import OptimizeParams, optimize
-from b23d.stages.solvers.posterior.geometry import Prepared, local_geometry, prepare
-from b23d.stages.solvers.posterior.learning import deformation_covariance, frame_gate, learn
+from b23d.schemas.shot_model import ShotModel
+from b23d.stages.learn import learn
+from b23d.stages.optimize import optimize
+from b23d.stages.solvers.learn_options import LearnParams
+from b23d.stages.solvers.posterior.geometry import Prepared, local_geometry, occupancy, prepare
+from b23d.stages.solvers.posterior.learning import deformation_covariance, frame_gate
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.turning import aligned, in_frame, turned
-from tests.made_params import placed
+from b23d.stages.solvers.posterior.weighing import weighed
+from b23d.stages.solvers.scaling import relative_distances
+from tests.made_params import of_learn_and_optimize
 
-PARAMS = PosteriorParams()
+PARAMS = LearnParams()
 Parts = tuple[NormalizedShape, PointFeatures, GeodesicDistances, Keypoints]
 
 
@@ -62,8 +67,12 @@ def box_cloud(seed: int, turn: float = 0.0, keypoints: int = 8) -> Parts:
 
 
 def run(target: Parts, shots: list[Parts], **params: object) -> Prediction:
-    parts = [list(column) for column in zip(*shots, strict=True)]
-    return optimize(target[0], target[1], target[2], *parts, params=placed(OptimizeParams, **params))  # type: ignore[arg-type]
+    teaching, search = of_learn_and_optimize(**params)
+    return optimize(target[0], target[1], target[2], taught(shots, teaching), search)
+
+
+def taught(shots: list[Parts], params: LearnParams = PARAMS) -> ShotModel:
+    return learn(*(list(column) for column in zip(*shots, strict=True)), params)  # type: ignore[arg-type]
 
 
 def test_it_recovers_keypoints_of_a_class() -> None:
@@ -107,11 +116,10 @@ def test_shapes_turned_each_their_own_way_are_turned_onto_each_other(turn: float
 
 def prepared(seed: int, turn: float = 0.0) -> Prepared:
     shape, described, geodesic, keypoints = box_cloud(seed, turn)
-    distances = geodesic.distances.astype(np.float32)
     return prepare(
         shape.points,
         described.features.astype(np.float32),
-        distances,
+        relative_distances(geodesic.distances),
         PARAMS.radii,
         keypoints.ids,
         keypoints.point_indices,
@@ -120,15 +128,15 @@ def prepared(seed: int, turn: float = 0.0) -> Prepared:
 
 def test_shots_that_stand_alike_are_left_alone() -> None:
     shots = [prepared(i, turn=0.1 * i) for i in range(3)]
-    same, frames = aligned(shots, PARAMS)
-    assert frames.common and all(one is other for one, other in zip(same, shots, strict=True))
-    target = prepared(7)
-    assert in_frame(learn(same, PARAMS), frames, target, PARAMS) is target
+    same, turns = aligned(shots, PARAMS.same_frame)
+    assert not turns.any() and all(one is other for one, other in zip(same, shots, strict=True))
+    target, model = prepared(7), taught([box_cloud(i, turn=0.1 * i) for i in range(3)])
+    assert in_frame(weighed(model, np.ones(3)), target, PosteriorParams()) is target
 
 
 def test_the_odd_shot_is_turned_to_the_others_and_not_they_to_it() -> None:
-    _, frames = aligned([prepared(0, turn=1.0), prepared(1), prepared(2)], PARAMS)
-    assert frames.turns[1] == frames.turns[2] == 0 and frames.turns[0] == pytest.approx(-1.0, abs=0.1)
+    _, turns = aligned([prepared(0, turn=1.0), prepared(1), prepared(2)], PARAMS.same_frame)
+    assert turns[1] == turns[2] == 0 and turns[0] == pytest.approx(-1.0, abs=0.1)
 
 
 @settings(max_examples=20, deadline=None)
@@ -148,16 +156,18 @@ def test_keypoints_on_the_axis_tell_no_turn() -> None:
         line = np.column_stack([np.zeros(5), np.linspace(-0.5, 0.5, 5), np.zeros(5)])
         points = line + 1e-3 * np.random.default_rng(i).normal(size=(5, 3))
         ids, gaps = np.arange(5), np.abs(np.subtract.outer(points[:, 1], points[:, 1])).astype(np.float32)
-        shots.append(prepare(points.astype(np.float32), np.eye(5, dtype=np.float32), gaps, PARAMS.radii, ids, ids))
-    assert aligned(shots, PARAMS)[1].common
+        lengths = relative_distances(gaps)
+        shots.append(prepare(points.astype(np.float32), np.eye(5, dtype=np.float32), lengths, PARAMS.radii, ids, ids))
+    assert not aligned(shots, PARAMS.same_frame)[1].any()
 
 
 def gate(turns: list[float]) -> float:
     places = []
     for i, turn in enumerate(turns):
         shape, described, geodesic, keypoints = box_cloud(i, turn)
-        prepared = prepare(shape.points, described.features.astype(np.float32), geodesic.distances, PARAMS.radii)
-        places.append(prepared.box[keypoints.point_indices])
+        lengths = relative_distances(geodesic.distances)
+        made = prepare(shape.points, described.features.astype(np.float32), lengths, PARAMS.radii)
+        places.append(made.box[keypoints.point_indices])
     return frame_gate(np.array(places, float), np.ones((len(turns), 8), bool), PARAMS)
 
 
@@ -192,7 +202,7 @@ def test_local_geometry_is_that_of_all_points_weighted() -> None:
 
 
 def test_the_prior_is_a_covariance() -> None:
-    covariance = deformation_covariance(np.random.default_rng(0).uniform(-0.5, 0.5, (12, 3)), PARAMS)
+    covariance = deformation_covariance(np.random.default_rng(0).uniform(-0.5, 0.5, (12, 3)), PARAMS.deformation)
     np.testing.assert_allclose(covariance, covariance.T)
     assert np.linalg.eigvalsh(covariance).min() > 0
 
@@ -213,3 +223,57 @@ def test_confidence_is_that_of_the_place() -> None:
     assert itself.confidence is not None and other.confidence is not None
     assert itself.confidence.mean() > other.confidence.mean()
     assert run(shots[0], shots, method="nearest").confidence is None
+
+
+# the shots' model
+
+
+def test_the_model_is_the_same_for_every_method_and_lies_open() -> None:
+    """What people look at is what the shots come to where each counts alike."""
+    model = taught([box_cloud(i) for i in range(3)])
+    alike = weighed(model, np.ones(3))
+    for name, found in (
+        ("keypoint", alike.keypoint),
+        ("identity", alike.identity),
+        ("mean_places", alike.places),
+        ("mean_distances", alike.distances),
+    ):
+        np.testing.assert_allclose(getattr(model, name), found, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(model.mean_places, model.places.mean(0), atol=1e-6)
+    np.testing.assert_allclose(np.abs(model.mean_places), 0.5, atol=1e-3)  # corners
+    np.testing.assert_allclose(model.occupancy.sum(1), 1, atol=1e-5)
+    assert (model.has.all(), model.gate, model.shots) == (True, 1.0, ["0", "1", "2"])
+
+
+def test_a_shot_that_counts_not_at_all_is_as_if_it_had_no_keypoints() -> None:
+    shots = [box_cloud(i, keypoints=6 + i) for i in range(3)]
+    model = taught(shots)
+    two = weighed(model, np.array([1.0, 1.0, 0.0]))
+    assert two.has.shape == (2, 7), "id 7 is the third's alone"
+    np.testing.assert_allclose(two.places[:6], model.places[:2, :6].mean(0), atol=1e-6)
+    np.testing.assert_allclose(two.places[6], model.places[1, 6], atol=1e-6)
+    twice = weighed(model, np.array([2.0, 2.0, 0.0]))
+    for name in ("keypoint", "identity", "places", "shifts", "distances", "log_sides"):
+        np.testing.assert_allclose(getattr(two, name), getattr(twice, name), rtol=1e-6, err_msg=name)
+
+
+def test_a_shot_without_keypoints_teaches_nothing() -> None:
+    shots = [box_cloud(0), box_cloud(1), box_cloud(2, turn=1.0, keypoints=0)]
+    with_it, without = taught(shots), taught(shots[:2])
+    for name in ("ids", "keypoint", "identity", "mean_places", "mean_distances", "covariance", "basis", "deviations"):
+        np.testing.assert_array_equal(getattr(with_it, name), getattr(without, name), err_msg=name)
+    assert with_it.shots == ["0", "1", "2"] and not with_it.has[2].any() and with_it.gate == without.gate
+    np.testing.assert_array_equal(run(box_cloud(7), shots).points, run(box_cloud(7), shots[:2]).points)
+
+
+def test_shots_are_turned_into_one_frame_and_say_by_how_much() -> None:
+    model = taught([box_cloud(0), box_cloud(1), box_cloud(2, turn=1.0)])
+    assert model.turns[:2].tolist() == [0, 0] and model.turns[2] == pytest.approx(-1.0, abs=0.1)
+    np.testing.assert_allclose(model.places[2], model.places[0], atol=0.05)
+    np.testing.assert_allclose(model.sides[2], model.sides[0], atol=0.1)
+
+
+def test_occupancy_is_the_share_of_each_cell() -> None:
+    points = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5], [0.5, 0.5, 0.49], [-0.5, -0.45, -0.31]], np.float32)
+    found = occupancy(points)
+    assert {int(i): float(found[i]) for i in np.flatnonzero(found)} == {0: 0.25, 999: 0.5, 1: 0.25}

@@ -38,7 +38,7 @@ from tests.report_runs import mixed
 
 plug_in()
 
-RIDGE = "stages.optimize.posterior.ridge=0.5"
+RIDGE = "stages.learn.ridge=0.5"
 
 
 @pytest.fixture(scope="module")
@@ -140,12 +140,9 @@ def test_details_are_whole_and_small(run: Run) -> None:
 
 def test_settings_tell_what_differs(run: Run) -> None:
     lines = {line["key"]: line for line in settings(run)}
-    assert (
-        lines["stages.optimize.posterior.ridge"]["differs"]
-        and lines["stages.optimize.posterior.ridge"]["value"] == "0.5"
-    )
-    assert lines["stages.optimize.posterior.ridge"]["means"], "fields say what they mean"
-    assert "stages.optimize.discrete.alpha" not in lines, "only what counts is listed"
+    assert lines["stages.learn.ridge"]["differs"] and lines["stages.learn.ridge"]["value"] == "0.5"
+    assert lines["stages.learn.ridge"]["means"], "fields say what they mean"
+    assert "stages.optimize.discrete.starts" not in lines, "only what counts is listed"
     assert not lines["stages.optimize.posterior.temper"]["differs"]
 
 
@@ -198,7 +195,7 @@ def test_the_command_writes_a_page_and_says_where(run: Run, tmp_path: Path) -> N
     out = tmp_path / "page.html"
     result = CliRunner().invoke(
         app,
-        ["report", str(run.config.path), "--set", "stages.optimize.posterior.ridge=0.5", "--out", str(out), "--beside"],
+        ["report", str(run.config.path), "--set", "stages.learn.ridge=0.5", "--out", str(out), "--beside"],
     )
     assert result.exit_code == 0, result.output
     assert "3D views of 8 of 9 shapes" in result.output and "page-details" in result.output
@@ -208,7 +205,7 @@ def test_the_command_writes_a_page_and_says_where(run: Run, tmp_path: Path) -> N
     assert len(list((tmp_path / "page-details").glob("*.js"))) == 8
     again = CliRunner().invoke(
         app,
-        ["report", str(run.config.path), "--set", "stages.optimize.posterior.ridge=0.5", "--out", str(out), "--inline"],
+        ["report", str(run.config.path), "--set", "stages.learn.ridge=0.5", "--out", str(out), "--inline"],
     )
     assert again.exit_code == 0 and sorted(path.name for path in tmp_path.iterdir()) == ["page.html"], (
         "no stale details beside it"
@@ -217,7 +214,7 @@ def test_the_command_writes_a_page_and_says_where(run: Run, tmp_path: Path) -> N
 
 def test_a_damaged_artifact_costs_its_own_shape_only(run: Run, tmp_path: Path) -> None:
     shutil.copytree(run.config.path.parent, tmp_path / "copy")
-    overrides = ["stages.optimize.posterior.ridge=0.5"]
+    overrides = ["stages.learn.ridge=0.5"]
     copy = Run.load(tmp_path / "copy" / "mixed.toml", overrides, store=str(tmp_path / "copy" / "store"))
     node = copy.node("box/b1", "geodesic")
     chunk = next(Path(copy.store.path("geodesic", node.address)).glob("distances/c/*/*"))

@@ -92,7 +92,7 @@ def test_it_opens_with_scores_failures_and_all_shapes(page: Page) -> None:
     assert page.page.locator("#scores tbody tr").count() == 5, "two classes, their mean, two quoted from the paper"
     assert "box/broken" in page.page.locator("#failures").inner_text()
     assert page.page.locator("#examples .example").count() == 4
-    assert "stages.optimize.posterior.ridge" in page.page.locator("#settings").inner_text()
+    assert "stages.learn.ridge" in page.page.locator("#settings").inner_text()
     assert page.names() == ["b0", "b1", "b2", "b3", "broken", "e0", "e1", "e2", "l0"]
     assert page.page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "fits a laptop's width"
 

@@ -19,23 +19,22 @@ from b23d.schemas.runfile import Shots
 from tests import test_rows_choice, test_rows_features
 
 RUNS = Path(__file__).parents[1] / "runs"
-SOLVERS = ("discrete", "softmax")
 ROWS: dict[int, tuple[str, ...]] = {
-    1: tuple(f"stages.optimize.{solver}.combine" for solver in SOLVERS),
+    1: ("stages.learn.template.combine",),
     2: ("stages.reweight.batches", "stages.reweight.normalised"),
     3: ("stages.reweight.weight",),
     4: ("stages.backproject.visibility",),
     5: ("stages.reweight.fill",),
     6: ("stages.reweight.sigma",),
-    7: tuple(f"stages.optimize.{solver}.source_features" for solver in SOLVERS),
+    7: ("stages.learn.template.source_features",),
     8: (
         "stages.geodesic.method",
         "stages.geodesic.graph.neighbors",
         "stages.geodesic.graph.shortcuts",
         "stages.geodesic.graph.disconnected",
     ),
-    9: ("stages.score.units", *(f"stages.optimize.{solver}.distances" for solver in SOLVERS)),
-    10: tuple(f"stages.optimize.{solver}.mask" for solver in SOLVERS),
+    9: ("stages.score.units", "stages.learn.template.distances"),
+    10: ("stages.learn.template.mask",),
     11: (
         "stages.optimize.method",
         "stages.optimize.softmax.steps",
@@ -52,7 +51,7 @@ ROWS: dict[int, tuple[str, ...]] = {
     19: ("stages.backproject.sample",),
     20: ("stages.render.distance",),
     21: ("stages.render.layout", "stages.render.rings.count"),
-    22: ("stages.optimize.posterior.presence",),
+    22: ("stages.optimize.presence",),
 }
 PAGE = (Path(__file__).parents[1] / "stages" / "DIFFERENCES.md").read_text()
 

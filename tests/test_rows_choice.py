@@ -12,8 +12,7 @@ from b23d.pipeline.dataset import Leaf, Shape
 from b23d.pipeline.draws import draw_shots
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.runfile import Shots
-from b23d.stages.solvers.template import combine_shots
-from tests.test_optimize import AT, IDS, distances_of, features_of, labelled, line, shape_of, shot, solve, sphere
+from tests.test_optimize import AT, IDS, combined, distances_of, features_of, labelled, line, shape_of, solve, sphere
 from tests.test_posterior import Parts, box_cloud
 from tests.test_posterior import run as posterior
 from tests.test_score import SCALE, annotated, iou, line_shape, predicted, scored
@@ -25,8 +24,8 @@ def test_row_01_summed_distances_ask_for_a_larger_shape() -> None:
     mean, total = (solve(twice[0], twice, combine=how, alpha=1) for how in ("mean", "sum_distances"))
     assert mean.objective == pytest.approx(0, abs=1e-3)
     assert total.objective > 0.5
-    shots = [shot("a", [0, 1, 2], [1, 2, 3], line(0, 0.2, 0.5)), shot("b", [0, 1, 2], [3, 2, 1], line(0, 0.4, 0.6))]
-    averaged, summed = combine_shots(shots), combine_shots(shots, "sum_distances")
+    shots = ([0, 1, 2], [1.0, 2.0, 3.0], line(0, 0.2, 0.5)), ([0, 1, 2], [3.0, 2.0, 1.0], line(0, 0.4, 0.6))
+    averaged, summed = combined(*shots), combined(*shots, combine="sum_distances")
     assert np.allclose(summed.distances, 2 * averaged.distances)
     assert np.array_equal(summed.features, averaged.features)  # features are averaged either way
 
@@ -56,8 +55,8 @@ def test_row_09_scores_are_in_the_data_sets_units_and_the_loss_in_the_shapes() -
 
 
 def test_row_10_masks_differ_on_coincident_pairs_and_on_the_diagonal() -> None:
-    shots = [shot("a", [0, 1, 2], [0, 0, 0], line(0, 0, 0.5)), shot("b", [0, 3], [0, 0], line(0, 0.4))]
-    masks = {mask: combine_shots(shots, mask=mask).mask for mask in ("pairs", "positive", "whole")}
+    shots = ([0, 1, 2], [0.0, 0.0, 0.0], line(0, 0, 0.5)), ([0, 3], [0.0, 0.0], line(0, 0.4))
+    masks = {mask: combined(*shots, mask=mask).mask for mask in ("pairs", "positive", "whole")}
     for mask in masks.values():
         assert mask[0, 2] and mask[0, 3] and not mask[1, 3]  # 1 and 3 were never seen together
     assert [bool(masks[m][0, 1]) for m in ("pairs", "positive", "whole")] == [True, False, True]  # coincide

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from b23d.stages.solvers.scaling import FeatureScale, scale_distances, scale_features
+from b23d.stages.solvers.scaling import FeatureScale, relative_distances, scale_features
 from b23d.stages.solvers.shots import KnownShape, Shot
 
 
@@ -35,7 +35,10 @@ def shape_inputs(
     weights exp(−d² / 2 context²), the point itself included.
     """
     own = scale_features(one.features.features, how, one.features.observed)
-    lengths = scale_distances(one.distances.distances, "largest")
+    distances = relative_distances(one.distances.distances)
+    lengths = distances.relative
+    if distances.unreachable is not None:
+        lengths[distances.unreachable] = np.inf
     if context == 0:
         return own, lengths
     weights = gaussian(lengths, context)

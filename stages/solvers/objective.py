@@ -8,7 +8,7 @@ the selection matrix restricted to one candidate a keypoint:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,6 +43,11 @@ class Problem:
         wanted = self.target_features - offset
         squares = (wanted**2).sum(1)[:, None] - 2 * wanted @ candidates.T + (candidates**2).sum(1)[None]
         return np.maximum(squares, 0)
+
+    def among(self, candidates: np.ndarray) -> Problem:
+        """The problem of some candidates (m,) alone, as if there were no others."""
+        between = self.distances[np.ix_(candidates, candidates)]
+        return replace(self, features=self.features[candidates], distances=between)
 
     @property
     def n(self) -> int:

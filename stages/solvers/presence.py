@@ -19,5 +19,5 @@ def presence(template: Template, rule: Presence) -> npt.NDArray[np.bool_]:
     a method has no evidence of its own.
     """
     if rule == "majority":
-        return 2 * template.counts > len(template.shots)
+        return np.asarray(2 * template.counts > template.of)
     return np.ones(len(template.ids), dtype=bool)

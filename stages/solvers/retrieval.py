@@ -1,33 +1,36 @@
-"""Retrieval: the one shot that looks most like the target, by class token (section 3.2 of the paper)."""
+"""Which shots count for a target, and how much."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from b23d.schemas.features import PointFeatures
+from b23d.schemas.shot_model import ShotModel
 
 
-def retrieve(target: PointFeatures, shots: Sequence[PointFeatures]) -> int:
-    """Index of the shot whose class token has the largest cosine with the target's; the first of equals.
-
-    Where any of them has no class token (SAM, EfficientNet, HKS …), mean features of observed points are compared
-    instead. Raises ValueError where they are not of one length.
-    """
-    shapes = [target, *shots]
-    tokens = [token for shape in shapes if (token := shape.class_token) is not None]
-    vectors = tokens if len(tokens) == len(shapes) else [_mean_feature(shape) for shape in shapes]
-    if len({len(vector) for vector in vectors}) > 1:
-        raise ValueError(
-            f"retrieval: expected features of one length, got {[len(v) for v in vectors]}; use one encoder for all"
-        )
-    return int(np.argmax([_cosine(vectors[0], vector) for vector in vectors[1:]]))
+def weights_of(model: ShotModel, target: PointFeatures, retrieval: bool) -> np.ndarray:
+    """(s,) how many times each shot counts: all once; or, by retrieval, only the one that looks most like the target
+    (section 3.2 of the paper)."""
+    if not retrieval:
+        return np.ones(len(model.shots))
+    return np.eye(len(model.shots))[most_alike(model, target)]
 
 
-def _mean_feature(shape: PointFeatures) -> np.ndarray:
+def most_alike(model: ShotModel, target: PointFeatures) -> int:
+    """The shot, of those that have keypoints, whose class token has the largest cosine with the target's; the first of
+    equals. Where any shape has no class token (SAM, EfficientNet, HKS …), mean features of observed points are compared
+    instead."""
+    own, shots = mean_feature(target), model.mean_features
+    if model.class_tokens is not None and target.class_token is not None:
+        own, shots = target.class_token, model.class_tokens
+    alike = np.array([_cosine(own, shot) for shot in shots])
+    return int(np.where(model.has.any(1), alike, -np.inf).argmax())
+
+
+def mean_feature(shape: PointFeatures) -> np.ndarray:
+    """(channel,) float32, of the points that some view saw; of all, where none did."""
     observed, features = shape.observed, shape.features
-    return (features[observed] if observed.any() else features).mean(0, dtype=np.float64)
+    return (features[observed] if observed.any() else features).mean(0, dtype=np.float64).astype(np.float32)
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> float:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-FeatureScale = Literal["raw", "centred", "centred-unit", "standardised"]
-DistanceScale = Literal["largest", "unit-frame"]
+from b23d.schemas.shot_model import FeatureScale
 
 
 def scale_features(
@@ -39,22 +38,34 @@ def scale_features(
     return np.divide(scaled, sizes, out=np.zeros_like(scaled), where=sizes > 0)
 
 
-def scale_distances(distances: np.ndarray, how: DistanceScale) -> npt.NDArray[np.float32]:
-    """Distances of one shape, (n, n) of any float dtype, unit frame → (n, n) float32.
+@dataclass(frozen=True)
+class Relative:
+    """Distances of one shape in units of its largest."""
 
-    largest: in units of the shape's largest finite distance, so 0 … 1 (the paper's relative distances).
-    unit-frame: as they are.
-    Unreachable pairs (+inf) stay +inf.
-    """
-    scaled = distances.astype(np.float32)
-    if how == "largest":
-        largest = largest_distance(scaled)
-        if largest > 0:
-            scaled /= np.float32(largest)
-    return scaled
+    relative: npt.NDArray[np.float32]
+    """(n, n), 0 … 1 (the paper's relative distances); 1 where no path joins two candidates."""
+    largest: float
+    """The largest finite one, in the unit frame; 1 where all candidates coincide."""
+    unreachable: npt.NDArray[np.bool_] | None
+    """(n, n); None where every candidate is reached from every other."""
 
 
-def largest_distance(distances: np.ndarray) -> float:
-    """Largest finite distance; 0 where there is none."""
-    largest = float(distances.max(initial=0))
-    return largest if np.isfinite(largest) else float(distances.max(initial=0, where=np.isfinite(distances)))
+def relative_distances(distances: np.ndarray) -> Relative:
+    """Of distances (n, n) of any float dtype, in the unit frame, +inf where no path joins two candidates."""
+    unreachable = np.isinf(distances) if np.isinf(_largest(distances)) else None
+    largest = _largest(distances if unreachable is None else np.where(unreachable, 0, distances)) or 1.0
+    relative = distances.astype(np.float32)
+    relative /= np.float32(largest)
+    if unreachable is not None:
+        relative[unreachable] = 1
+    return Relative(relative, largest, unreachable)
+
+
+def _largest(distances: np.ndarray) -> float:
+    """Of numbers that are not negative. Of half precision by their bits, which are in the same order and compared
+    twenty times as fast."""
+    if distances.dtype == np.float16 and distances.flags.c_contiguous and distances.size:
+        bits = distances.view(np.uint16).max()
+        if bits < 0x8000:  # no minus zero among them
+            return float(bits.view(np.float16))
+    return float(distances.max(initial=0))

@@ -5,39 +5,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-Combine = Literal["mean", "sum_distances"]
-Mask = Literal["pairs", "positive", "whole"]
-
-
-@dataclass(frozen=True)
-class AtKeypoints:
-    """What one shot says, at its keypoints only.
-
-    name: for messages and `Prediction.shots`.
-    ids: (g,) int, unique.
-    features: (g, channel) float32, scaled as the target's will be.
-    distances: (g, g) float32, scaled as the target's will be; +inf where one keypoint cannot be reached from another.
-    """
-
-    name: str
-    ids: np.ndarray
-    features: np.ndarray
-    distances: np.ndarray
+from b23d.schemas.shot_model import ShotModel
 
 
 @dataclass(frozen=True)
 class Template:
     """What to look for.
 
-    ids: (k,) int32, sorted, every id that any shot has.
+    ids: (k,) int32, sorted, every id that a shot of any weight has.
     features: (k, channel) float32.
     distances: (k, k) float64; 0 where `mask` is false.
     mask: (k, k) bool: pairs that enter the distance term.
-    counts: (k,) int, how many shots have each id.
+    counts: (k,) float64, how many shots have each id: the sum of their weights.
+    of: how many shots there are, so counted.
     shots: names of the shots it was made of.
     """
 
@@ -46,50 +29,49 @@ class Template:
     distances: np.ndarray
     mask: np.ndarray
     counts: np.ndarray
+    of: float
     shots: list[str]
 
 
-def combine_shots(shots: Sequence[AtKeypoints], combine: Combine = "mean", mask: Mask = "pairs") -> Template:
-    """The template of some shots: features averaged over the shots that have an id, distances over those that have both
-    ids of a pair.
+def template_of(model: ShotModel, weights: np.ndarray) -> Template:
+    """The template of the shots, each counted `weights` (s,) times: features averaged over the shots that have an id,
+    distances over those that have both ids of a pair and a path between them.
 
     combine "sum_distances": distances are summed instead of averaged, as the published code does.
     mask "pairs": every pair of different ids that some shot has. "positive": entries of the combined matrix above zero,
     as the published code does; that drops pairs that coincide. "whole": as "pairs", and the diagonal, as the paper's
     formula has it.
-
-    Raises ValueError where no shot has a keypoint, or where of several shots no two share an id.
     """
-    check_combinable(shots)
-    ids = np.unique(np.concatenate([shot.ids for shot in shots])).astype(np.int32)
-    k, channels = len(ids), shots[0].features.shape[1]
-    features = np.zeros((k, channels))
-    counts = np.zeros(k, dtype=np.int64)
-    distances = np.zeros((k, k))
-    seen = np.zeros((k, k), dtype=np.int64)
-    for shot in shots:
-        rows = np.searchsorted(ids, shot.ids)
-        reachable = np.isfinite(shot.distances)
-        features[rows] += shot.features
-        counts[rows] += 1
-        distances[np.ix_(rows, rows)] += np.where(reachable, shot.distances, 0)
-        seen[np.ix_(rows, rows)] += reachable
-    features /= counts[:, None]
-    if combine == "mean":
-        distances /= np.maximum(seen, 1)
-    keep = {"pairs": (seen > 0) & ~np.eye(k, dtype=bool), "positive": distances > 0, "whole": seen > 0}[mask]
+    used, shown = np.flatnonzero(weights), np.flatnonzero(weights @ model.has)
+    weight, has = weights[used], model.has[np.ix_(used, shown)]
+    counts = weight @ has
+    features = np.einsum("s,skc->kc", weight, model.features[used][:, shown]) / counts[:, None]
+    between = model.distances[used][:, shown][:, :, shown].astype(np.float64)
+    seen = has[:, :, None] & has[:, None] & np.isfinite(between)
+    if model.distance_scale == "unit-frame":
+        between *= model.largest[used, None, None]
+    distances = np.einsum("s,sij->ij", weight, np.where(seen, between, 0))
+    times = np.einsum("s,sij->ij", weight, seen)
+    if model.combine == "mean":
+        distances = np.divide(distances, times, out=np.zeros_like(distances), where=times > 0)
+    diagonal = np.eye(len(shown), dtype=bool)
+    keep = {"pairs": (times > 0) & ~diagonal, "positive": distances > 0, "whole": times > 0}[model.mask]
     return Template(
-        ids, features.astype(np.float32), np.where(keep, distances, 0), keep, counts, [shot.name for shot in shots]
+        model.ids[shown],
+        features.astype(np.float32),
+        np.where(keep, distances, 0),
+        keep,
+        counts,
+        float(weight.sum()),
+        [model.shots[i] for i in used],
     )
 
 
-def check_combinable(shots: Sequence[AtKeypoints]) -> None:
-    """Raise ValueError where these shots cannot be combined."""
-    listed = "; ".join(f"shot {shot.name}: {sorted(map(int, shot.ids))}" for shot in shots)
-    if not any(len(shot.ids) for shot in shots):
-        raise ValueError(f"shots: expected at least one keypoint, got none ({listed or 'no shot'}); annotate the shots")
-    occurrences = np.unique(np.concatenate([shot.ids for shot in shots]), return_counts=True)[1]
-    if len(shots) > 1 and occurrences.max() < 2:
+def check_combinable(ids: Sequence[np.ndarray]) -> None:
+    """Raise ValueError where shots with these ids each cannot be combined: of several, no two share one."""
+    occurrences = np.unique(np.concatenate(ids), return_counts=True)[1]
+    if len(ids) > 1 and occurrences.max() < 2:
+        listed = "; ".join(f"shot {i}: {sorted(map(int, one))}" for i, one in enumerate(ids))
         raise ValueError(
             f"shots: expected an id that two of them share, got ids {listed}; use shots annotated with the same ids"
         )

@@ -24,6 +24,7 @@ from b23d import load
 from b23d.schemas.scores import ShapeScore
 from b23d.stages.optimize import OptimizeParams
 from b23d.stages.solvers.discrete import discrete
+from b23d.stages.solvers.learn_options import LearnParams
 from b23d.stages.solvers.objective import objective
 from b23d.stages.solvers.softmax import softmax
 from tests.benchmarks.run_problems import Posed, area, posed
@@ -50,9 +51,10 @@ def main() -> int:
     run = load(options.run, *options.set, 'outputs=["optimize"]', store=options.store)
     params = run.config.params["optimize"]
     assert isinstance(params, OptimizeParams)
-    measure = params.measure
+    template = run.config.params["learn"]
+    assert isinstance(template, LearnParams)
     print(
-        f"{run.name}: alpha {measure.alpha:g}, features {measure.features}, {options.steps} Adam steps, "
+        f"{run.name}: alpha {params.alpha:g}, features {template.template.features}, {options.steps} Adam steps, "
         f"{options.threads} threads"
     )
     print(

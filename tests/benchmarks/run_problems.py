@@ -20,9 +20,9 @@ from b23d.stages.optimize import OptimizeParams
 from b23d.stages.score import ScoreParams, score
 from b23d.stages.solvers.objective import Problem
 from b23d.stages.solvers.posing import pose
-from b23d.stages.solvers.retrieval import retrieve
-from b23d.stages.solvers.shots import described, labelled
-from b23d.stages.solvers.template import Template
+from b23d.stages.solvers.retrieval import weights_of
+from b23d.stages.solvers.scaling import relative_distances, scale_features
+from b23d.stages.solvers.template import Template, template_of
 
 
 @dataclass(frozen=True)
@@ -90,12 +90,12 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
         taken[category] = taken.get(category, 0) + 1
         for draw, node in sorted(nodes[shape], key=lambda pair: pair[0]):
             inputs = {name: given(item) for name, item in node.inputs.items()}
-            own = leaves[shape]
-            target = described("the target", inputs["normalize"], inputs["reweight"], inputs["geodesic"])
-            shots = labelled(*(inputs[f"shot_{name}"] for name in ("normalize", "reweight", "geodesic", "keypoints")))
-            if params.retrieval:
-                shots = [shots[retrieve(inputs["reweight"], inputs["shot_reweight"])]]
-            template, problem = pose(target, shots, params.measure)
+            own, learned = leaves[shape], node.inputs["learn"]
+            assert isinstance(learned, Node)
+            learn, reweight = inputs["learn"], inputs["reweight"]
+            template = template_of(learn, weights_of(learn, reweight, params.retrieval))
+            features = scale_features(reweight.features, learn.feature_scale, reweight.observed)
+            problem = pose(features, relative_distances(inputs["geodesic"].distances), learn, template, params.alpha)
             yield Posed(
                 category,
                 shape,
@@ -104,7 +104,7 @@ def posed(run: Run, per_class: int | None = None) -> Iterator[Posed]:
                 problem,
                 inputs["normalize"],
                 None if own is None else loaded(own),
-                inputs["shot_keypoints"],
+                given(learned.inputs["shot_keypoints"]),
             )
 
 

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from b23d.stages.solvers.scaling import Relative
+
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 THINNEST = 0.05  # a side thinner than this share of the largest is not stretched to a box's full side
-ROWS = 128  # neighbourhoods summed at once, so that a processor's cache holds them
+ROWS = 64  # neighbourhoods summed at once, so that a processor's cache holds them
 NOTHING = np.float32(-60)  # exponents below count as this: e^-60 is no part of a sum, but denormal numbers are slow
+CELLS = 10  # of an occupancy grid, along each side
 
 
 @dataclass(frozen=True)
@@ -41,20 +44,18 @@ class Prepared:
 def prepare(
     points: np.ndarray,
     features: np.ndarray,
-    distances: np.ndarray,
+    distances: Relative,
     radii: tuple[float, ...],
     ids: np.ndarray | None = None,
     keypoints: np.ndarray | None = None,
 ) -> Prepared:
-    """points (n, 3), features (n, channel) centred and of unit length, distances (n, n) finite, in the points' unit."""
+    """points (n, 3) in the unit frame, features (n, channel) centred and of unit length."""
     low, high = points.min(0), points.max(0)
     scale = float((high - low).max()) or 1.0
     position = ((points - (low + high) / 2) / scale).astype(np.float32)
     sides = ((high - low) / scale).astype(np.float32)
-    largest = float(distances.max()) or 1.0
-    relative = (distances / largest).astype(np.float32, copy=False)
     shift, local = local_geometry(position, radii)
-    eccentricity = relative.mean(1)
+    eccentricity = distances.relative.mean(1)
     geometry = np.concatenate([local, (eccentricity / max(float(eccentricity.mean()), 1e-12))[:, None]], 1).astype(
         np.float32
     )
@@ -66,8 +67,8 @@ def prepare(
         features,
         geometry,
         shift,
-        relative,
-        largest / scale,
+        distances.relative,
+        distances.largest / scale,
         none if ids is None else ids,
         none if keypoints is None else keypoints,
     )
@@ -78,14 +79,18 @@ def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.n
     deviations, its log mass. Gaussian neighbourhoods of standard deviation radius / 1.5."""
     products = np.stack([position[:, a] * position[:, b] for a, b in PAIRS], 1)
     moments = np.concatenate([np.ones_like(position[:, :1]), position, products], 1)
-    sums = np.empty((len(radii), *moments.shape), moments.dtype)
+    transposed = np.ascontiguousarray(moments.T)
+    sums = np.zeros((len(radii), *moments.shape), moments.dtype)
     for start in range(0, len(position), ROWS):
-        rows = slice(start, start + ROWS)
-        square = squared(position[rows], position)
+        rows, later = slice(start, start + ROWS), slice(start + ROWS, None)
+        square = squared(position[rows], position[start:])
+        exponents = np.empty_like(square)
         for among, radius in zip(sums, radii, strict=True):
-            exponents = square * np.float32(-1 / (2 * (radius / 1.5) ** 2))
+            np.multiply(square, np.float32(-1 / (2 * (radius / 1.5) ** 2)), out=exponents)
             np.maximum(exponents, NOTHING, out=exponents)
-            among[rows] = np.exp(exponents, out=exponents) @ moments
+            weights = np.exp(exponents, out=exponents)
+            among[rows] += weights @ moments[start:]
+            among[later] += (transposed[:, rows] @ weights[:, ROWS:]).T  # as far from each other either way
     shifts, descriptors = [], []
     for among, radius in zip(sums, radii, strict=True):
         mass = among[:, :1]
@@ -104,3 +109,16 @@ def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.n
 def squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Squared distances (n, m) between rows of a (n, d) and b (m, d)."""
     return np.asarray(np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T, 0))
+
+
+def descriptors(shape: Prepared, basis: np.ndarray) -> np.ndarray:
+    """(n, c + g) float32: components of the features by the basis (channel, c), then the local geometry."""
+    return np.concatenate([shape.features @ basis, shape.geometry], 1)
+
+
+def occupancy(position: np.ndarray) -> np.ndarray:
+    """(1000,) float32: share of the points (n, 3) of a box, centred and of longest side 1, in every cell of a grid over
+    the cube that it lies in; x counts slowest, z fastest."""
+    cell = np.clip(((position + 0.5) * CELLS).astype(np.int64), 0, CELLS - 1)
+    flat = (cell[:, 0] * CELLS + cell[:, 1]) * CELLS + cell[:, 2]
+    return (np.bincount(flat, minlength=CELLS**3) / len(position)).astype(np.float32)

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared
-from b23d.stages.solvers.posterior.learning import Model, deformation_covariance
+from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, descriptors, squared
 from b23d.stages.solvers.posterior.options import PosteriorParams
+from b23d.stages.solvers.posterior.weighing import Weighed
+
+NEGLIGIBLE = 1e-9  # a candidate less probable than this for every keypoint adds nothing to expected hits
 
 
 @dataclass(frozen=True)
@@ -25,57 +27,56 @@ class Found:
     """(k,) by the evidence of groups of ids that the same shots have."""
 
 
-def predict(model: Model, target: Prepared, params: PosteriorParams) -> Found:
-    posterior = mean_field(model, target, unary_costs(model, target, params), params)
-    nearness = np.maximum(0, 1 - target.distances * (target.diameter / params.hit_radius)).astype(np.float32)
-    expected = posterior.astype(np.float32) @ nearness
+def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Found:
+    posterior = mean_field(learned, target, unary_costs(learned, target, params), params)
+    likely = np.flatnonzero(posterior.max(0) > NEGLIGIBLE)
+    nearness = np.maximum(0, 1 - target.distances[likely] * np.float32(target.diameter / params.hit_radius))
+    expected = posterior[:, likely].astype(np.float32) @ nearness
     points = expected.argmax(1)
     hits = expected[np.arange(len(points)), points]
-    return Found(points, hits, judged_present(model, hits, params.present))
+    return Found(points, hits, judged_present(learned, hits, params.present))
 
 
-def unary_costs(model: Model, target: Prepared, params: PosteriorParams) -> np.ndarray:
+def unary_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
     """(k, n) cost of each candidate by its looks. The horizontal shift is trusted only as far as the frame is."""
-    described = model.descriptor(target)
-    trust = np.tile(np.array([1 / model.gate, 1.0, 1 / model.gate]) ** 0.5, len(params.radii))
-    shift = squared(model.shift * trust, target.shift * trust) / (2 * params.shift_sd**2)
-    looks = (
-        params.keypoint_weight * (described @ model.keypoint)[None]
-        + params.identity_weight * model.identity @ described.T
-    )
-    return np.asarray(shift - looks)
+    model = learned.model
+    described = (descriptors(target, model.basis) - model.mean) / model.scale
+    trust = np.tile(np.array([1 / model.gate, 1.0, 1 / model.gate]) ** 0.5, len(model.radii))
+    shift = squared(learned.shifts * trust, target.shift * trust) / (2 * params.shift_sd**2)
+    discriminants = params.keypoint_weight * learned.keypoint + params.identity_weight * learned.identity
+    return np.asarray(shift - discriminants @ described.T)
 
 
-def mean_field(model: Model, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> np.ndarray:
+def mean_field(learned: Weighed, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> np.ndarray:
     """(k, n) posterior of each keypoint over the candidates: Gaussian deformation prior, unary costs, and geodesic
     distances to the others' present modes; keypoints are updated in turn (Bishop, Pattern Recognition, sec. 10.1)."""
     position = target.position.astype(np.float64)
-    place, covariance = prior(model, target, params)
+    place, covariance = prior(learned, target)
     precision = np.linalg.inv(covariance)
-    pull = model.pairs * (params.distance_weight / (2 * params.distance_sd**2) / max(len(place) - 1, 1))
+    pull = learned.pairs * (params.distance_weight / (2 * params.distance_sd**2) / max(len(place) - 1, 1))
     posterior = _normalised(unary + squared(place, position) / (2 * np.diag(covariance)[:, None]))
     deviation, mode = posterior @ position - place, posterior.argmax(1)
     for _ in range(params.iterations):
         for i in range(len(place)):
             centre = place[i] - (precision[i] @ deviation - precision[i, i] * deviation[i]) / precision[i, i]
             cost = unary[i] + 0.5 * precision[i, i] * ((position - centre) ** 2).sum(1)
-            cost += pull[i] @ (target.distances[mode] - model.distances[i][:, None]) ** 2
+            cost += pull[i] @ (target.distances[mode] - learned.distances[i][:, None]) ** 2
             posterior[i] = _normalised(cost[None])[0]
             deviation[i], mode[i] = posterior[i] @ position - place[i], posterior[i].argmax()
     return posterior
 
 
-def prior(model: Model, target: Prepared, params: PosteriorParams) -> tuple[np.ndarray, np.ndarray]:
+def prior(learned: Weighed, target: Prepared) -> tuple[np.ndarray, np.ndarray]:
     """Where keypoints are expected (k, 3), and the covariance of their deviations, for each axis (k, k)."""
-    return model.box * np.maximum(target.sides, THINNEST), deformation_covariance(model.box, params) * model.gate
+    return learned.places * np.maximum(target.sides, THINNEST), learned.deviations
 
 
-def judged_present(model: Model, hits: np.ndarray, least: float) -> npt.NDArray[np.bool_]:
+def judged_present(learned: Weighed, hits: np.ndarray, least: float) -> npt.NDArray[np.bool_]:
     """Ids that the same shots have are decided together, by their mean expected hit; one shot alone keeps all its
     ids."""
-    if len(model.has) == 1:
+    if len(learned.has) == 1:
         return np.ones(len(hits), bool)
-    group = np.unique(model.has, axis=1, return_inverse=True)[1].ravel()
+    group = np.unique(learned.has, axis=1, return_inverse=True)[1].ravel()
     return np.asarray((np.bincount(group, hits) / np.bincount(group))[group] >= least)
 
 

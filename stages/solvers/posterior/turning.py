@@ -3,61 +3,47 @@ All turns are about the up axis, in radians, from +z towards +x."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared
-from b23d.stages.solvers.posterior.learning import Model
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import mean_field, prior, unary_costs
+from b23d.stages.solvers.posterior.weighing import Weighed
 
 REFINED = 4  # local maxima of the first evidence that are followed up
 
 
-@dataclass(frozen=True)
-class Frames:
-    """s shots."""
-
-    turns: np.ndarray
-    """(s,) by which each shot was turned; 0 for those that stand as the reference does."""
-    sides: np.ndarray
-    """(3,) mean logarithm of the turned shots' box sides."""
-
-    @property
-    def common(self) -> bool:
-        """The shots stood alike: then targets are taken to do so, too."""
-        return not self.turns.any()
-
-
-def aligned(shots: list[Prepared], params: PosteriorParams) -> tuple[list[Prepared], Frames]:
-    """The shots, turned onto the one that needs the least turning in all; and their frames."""
-    pairs = np.array([[_turn(shot, reference, params) for reference in shots] for shot in shots])
+def aligned(shots: list[Prepared], same_frame: float) -> tuple[list[Prepared], np.ndarray]:
+    """The shots, turned onto the one that needs the least turning in all, and (s,) by which each was: 0 for those that
+    stand as it does, within `same_frame` degrees."""
+    pairs = np.array([[_turn(shot, reference, same_frame) for reference in shots] for shot in shots])
     turns = pairs[:, np.abs(pairs).sum(0).argmin()]
-    found = [turned(shot, turn) for shot, turn in zip(shots, turns, strict=True)]
-    return found, Frames(turns, np.mean([_log_sides(shot) for shot in found], axis=0))
+    return [turned(shot, turn) for shot, turn in zip(shots, turns, strict=True)], turns
 
 
-def in_frame(model: Model, frames: Frames, target: Prepared, params: PosteriorParams) -> Prepared:
-    """The target, turned to where the shots' model explains it best; as it is where the shots stood alike.
+def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> Prepared:
+    """The target, turned to where the shots' model explains it best; as it is where all shots stood alike: then targets
+    are taken to do so, too.
 
     Every turn is judged by each keypoint alone, the best few by the mean field's lower bound (Bishop, Pattern
     Recognition, sec. 10.1), with the box's proportions and a prior: as the shots stood, or any orientation.
     """
-    if frames.common:
+    if not learned.model.turns.any():
         return target
     angles = np.arange(params.turns) * (2 * np.pi / params.turns)
     candidates = [turned(target, angle) for angle in angles]
-    stands = _log_prior(angles, frames, params)
-    stands -= np.array([((_log_sides(shape) - frames.sides) ** 2).sum() for shape in candidates]) / (
+    stands = _log_prior(angles, learned.model.turns[learned.model.has.any(1)], params)
+    stands -= np.array([((_log_sides(shape) - learned.log_sides) ** 2).sum() for shape in candidates]) / (
         2 * params.sides_sd**2
     )
-    unaries = [unary_costs(model, shape, params) for shape in candidates]
-    alone = [_evidence(model, shape, unary, params) for shape, unary in zip(candidates, unaries, strict=True)]
+    unaries = [unary_costs(learned, shape, params) for shape in candidates]
+    alone = [_evidence(learned, shape, unary) for shape, unary in zip(candidates, unaries, strict=True)]
     first = stands + np.array(alone) / params.temper
     peaks = np.flatnonzero((first >= np.roll(first, 1)) & (first >= np.roll(first, -1)))
     peaks = peaks[np.argsort(-first[peaks], kind="stable")][:REFINED]
-    bounds = [stands[i] + _bound(model, candidates[i], unaries[i], params) / params.temper for i in peaks]
+    bounds = [stands[i] + _bound(learned, candidates[i], unaries[i], params) / params.temper for i in peaks]
     return candidates[peaks[int(np.argmax(bounds))]]
 
 
@@ -78,7 +64,7 @@ def turned(shape: Prepared, angle: float) -> Prepared:
     return replace(shape, position=position, sides=sides, box=box, shift=shift, diameter=shape.diameter / scale)
 
 
-def _turn(shot: Prepared, reference: Prepared, params: PosteriorParams) -> float:
+def _turn(shot: Prepared, reference: Prepared, same_frame: float) -> float:
     """The turn that brings a shot's keypoints onto the reference's of the same ids (Procrustes about one axis); 0 where
     it is small, or does not explain most of what parts them."""
     _, own, other = np.intersect1d(shot.ids, reference.ids, return_indices=True)
@@ -91,36 +77,36 @@ def _turn(shot: Prepared, reference: Prepared, params: PosteriorParams) -> float
     angle = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     before, after = ((a - b) ** 2).sum(), ((a @ rotation.T - b) ** 2).sum()
-    return angle if abs(angle) > np.deg2rad(params.same_frame) and after < before / 2 else 0.0
+    return angle if abs(angle) > np.deg2rad(same_frame) and after < before / 2 else 0.0
 
 
-def _log_prior(angles: np.ndarray, frames: Frames, params: PosteriorParams) -> np.ndarray:
+def _log_prior(angles: np.ndarray, turns: np.ndarray, params: PosteriorParams) -> np.ndarray:
     """(t,) log density, but for a constant: a mixture of one von Mises distribution a shot and, as heavy as one of
     them, a uniform one."""
-    agreement = np.cos(angles[:, None] - frames.turns[None])  # a target that stood as a shot needs that shot's turn
+    agreement = np.cos(angles[:, None] - turns[None])  # a target that stood as a shot needs that shot's turn
     peaks = np.exp(params.turn_concentration * (agreement - 1)) * np.sqrt(2 * np.pi * params.turn_concentration)
     return np.asarray(np.log(1 + peaks.sum(1)))
 
 
-def _evidence(model: Model, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> float:
+def _evidence(learned: Weighed, target: Prepared, unary: np.ndarray) -> float:
     """Log evidence with keypoints independent of each other."""
-    place, covariance = prior(model, target, params)
+    place, covariance = prior(learned, target)
     costs = unary + squared(place, target.position.astype(np.float64)) / (2 * np.diag(covariance)[:, None])
     least = costs.min(1)
     return float((np.log(np.exp(least[:, None] - costs).sum(1)) - least).sum())
 
 
-def _bound(model: Model, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> float:
+def _bound(learned: Weighed, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> float:
     """Lower bound of the log evidence at the mean field: its entropy less its expected cost."""
-    posterior = mean_field(model, target, unary, params)
-    place, covariance = prior(model, target, params)
+    posterior = mean_field(learned, target, unary, params)
+    place, covariance = prior(learned, target)
     precision = np.linalg.inv(covariance)
     position = target.position.astype(np.float64)
     mean = posterior @ position
     variance = (posterior @ position**2 - mean**2).sum(1)
     mode = posterior.argmax(1)
     pull = params.distance_weight / (2 * params.distance_sd**2) / max(len(place) - 1, 1)
-    distances = ((target.distances[np.ix_(mode, mode)] - model.distances) ** 2 * model.pairs).sum() / 2
+    distances = ((target.distances[np.ix_(mode, mode)] - learned.distances) ** 2 * learned.pairs).sum() / 2
     deviation = mean - place
     cost = (posterior * unary).sum() + pull * distances
     cost += (np.einsum("ix,ij,jx->", deviation, precision, deviation) + np.diag(precision) @ variance) / 2

@@ -30,7 +30,7 @@ class Parameters(AnalysisParams):
     kind: Literal["semantic"]
     features: Literal["backproject", "reweight"] = "backproject"
     scale: Literal["raw", "centred", "centred-unit", "standardised"] = "centred-unit"
-    """How descriptors are scaled before their Euclidean distances are taken, each shape by itself; as in `optimize`."""
+    """How descriptors are scaled before their Euclidean distances are taken, each shape by itself; as in `learn`."""
     near: float = 0.05
     """Unit frame: points this near to the right one, or to one that the shape's symmetry exchanges with it, are neither
     right nor wrong."""
