@@ -38,8 +38,8 @@ def _line(model: type[BaseModel], problem: Any, where: str, above: Mapping[str, 
         elsewhere = _belongs(table, name, where) if table else None
         if above:
             given = problem["input"] if isinstance(problem["input"], dict) else {}
-            own = {where.rpartition("[")[2].rstrip("]"): model, **above}
-            elsewhere = elsewhere or next(filter(None, (_lives(str(key), own) for key in (name, *given))), None)
+            tables = {where.rpartition("[")[2].rstrip("]"): model, **above}
+            elsewhere = elsewhere or next(filter(None, (_lives(str(one), tables) for one in (name, *given))), None)
         elsewhere = elsewhere or suggest(name, table.model_fields if table else ())
         return f"{where}: expected a known key, got {key!r}; {elsewhere}"
     if problem["type"] == "missing":
