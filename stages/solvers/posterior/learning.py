@@ -13,7 +13,7 @@ from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, square
 
 
 @dataclass(frozen=True)
-class Basis:
+class DescriptorBasis:
     """c components of features, g geometry channels."""
 
     basis: np.ndarray
@@ -25,7 +25,7 @@ class Basis:
     """(c + g, c + g) float64 of the standardised descriptor over the same points, with the ridge."""
 
 
-def basis_of(shots: Sequence[Prepared], params: LearnParams) -> Basis:
+def basis_of(shots: Sequence[Prepared], params: LearnParams) -> DescriptorBasis:
     """Of all points of the shots, whatever their labels."""
     features = np.concatenate([shot.features for shot in shots])
     features = features - features.mean(0)
@@ -35,7 +35,7 @@ def basis_of(shots: Sequence[Prepared], params: LearnParams) -> Basis:
     mean, scale = every.mean(0), every.std(0) + np.float32(1e-6)
     every = (every - mean) / scale
     covariance = every.T @ every / len(every) + params.ridge * np.eye(every.shape[1])
-    return Basis(np.ascontiguousarray(basis), mean, scale, covariance)
+    return DescriptorBasis(np.ascontiguousarray(basis), mean, scale, covariance)
 
 
 def deformation_covariance(places: np.ndarray, params: Deformation) -> np.ndarray:
