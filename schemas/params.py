@@ -60,11 +60,22 @@ class Params(BaseModel):
 
     def counts(self, name: str) -> bool:
         """Whether a field changes anything as the others are."""
-        whens = _whens(type(self).model_fields[name])
-        return not whens or any(
-            all(self.counts(key) and getattr(self, key) in values for key, values in when.choices.items())
-            for when in whens
-        )
+        return self.missing(name) is None
+
+    def missing(self, name: str) -> tuple[str, Any, Any] | None:
+        """What keeps a field from counting: the field that chooses, the value it has, and one it would have to have.
+        None where it counts."""
+        found: tuple[str, Any, Any] | None = None
+        for when in _whens(type(self).model_fields[name]):
+            unmet = next((unmet for key in when.choices if (unmet := self._unmet(key, when.choices[key]))), None)
+            if unmet is None:
+                return None
+            found = found or unmet
+        return found
+
+    def _unmet(self, key: str, values: tuple[Any, ...]) -> tuple[str, Any, Any] | None:
+        value = getattr(self, key)
+        return self.missing(key) or (None if value in values else (key, value, values[0]))
 
     def hashed(self) -> dict[str, Any]:
         """The fields that enter an address, as JSON values; tables as dictionaries."""
@@ -109,12 +120,8 @@ def missing_choice(params: Params, keys: Sequence[str], prefix: str = "") -> tup
     """What keeps the field at `keys` from counting: the dotted name of the field that chooses, the value it has, and
     one it would have to have. None where the field counts."""
     name = keys[0]
-    for when in _whens(type(params).model_fields[name]) if not params.counts(name) else ():
-        for key, values in when.choices.items():
-            if not params.counts(key):
-                return missing_choice(params, [key], prefix)
-            if getattr(params, key) not in values:
-                return f"{prefix}{key}", getattr(params, key), values[0]
+    if found := params.missing(name):
+        return f"{prefix}{found[0]}", *found[1:]
     table = getattr(params, name)
     return missing_choice(table, keys[1:], f"{prefix}{name}.") if isinstance(table, Params) and keys[1:] else None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -13,6 +13,10 @@ from b23d.schemas.params import Params, Unhashed, When
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.encoders.names import family_of, known_name
 from b23d.stages.encoders.weights import find_checkpoint
+
+
+TRANSFORMER = "saliency-vit-s14"
+"""An encoder that sees what it is given alone."""
 
 
 class Foreground(Params):
@@ -66,11 +70,13 @@ class ExtractParams(Params):
     else fp32; convolutional encoders always fp32. bf16 moves tokens by about 1 % of their norm (cosine > .999), so that
     results of `auto` agree between machines only to that; give fp32 for agreement to float16's rounding."""
 
-    def counts(self, name: str) -> bool:
-        """As everywhere; `foreground` does not where the encoder's name says that it sees whole pictures. A folder's
-        encoder is what its files say, which planning does not read."""
+    def missing(self, name: str) -> tuple[str, Any, Any] | None:
+        """As everywhere; `foreground` does not count where the encoder's name says that it sees whole pictures. A
+        folder's encoder is what its files say, which planning does not read."""
         family = family_of(self.encoder) if self.weights is None else None
-        return super().counts(name) and not (name == "foreground" and family is not None and family.whole)
+        if name == "foreground" and family is not None and family.whole:
+            return "encoder", self.encoder, TRANSFORMER
+        return super().missing(name)
 
     @field_validator("encoder")
     @classmethod

@@ -85,7 +85,7 @@ def render(normalize: NormalizedShape, params: RenderParams) -> Views:
     return Views(
         images=images,
         depth=raster.depth,
-        face_ids=np.where(raster.face_ids < 0, -1, ids[raster.face_ids]) if ids is not None else raster.face_ids,
+        face_ids=raster.face_ids if ids is None else np.append(ids, np.int32(-1))[raster.face_ids],
         world_to_camera=world_to_camera,
         intrinsics=intrinsics,
         renderer=params.renderer,

@@ -14,6 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
+from b23d.pipeline.config import load_config
+from b23d.pipeline.errors import RunFileError
+from b23d.schemas.params import missing_choice
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views
 from b23d.stages.backproject import BackprojectParams, backproject
@@ -28,6 +31,7 @@ from b23d.stages.render import RenderParams, render
 from tests.made_shapes import BOX, of_mesh
 from tests.tiny_checkpoints import TINY, save
 
+RUNS = Path(__file__).parents[1] / "runs"
 LEAVES_OUT = [family for family in TINY if family not in ("sam", "efficientnet")]
 
 
@@ -246,3 +250,14 @@ def test_what_a_transformer_sees_besides_enters_addresses_of_transformers_alone(
 def test_the_default_encoder_sees_whole_pictures() -> None:
     assert "foreground" not in ExtractParams().hashed()
     assert "foreground" in ExtractParams(encoder="saliency-vit-s14").hashed()
+
+
+def test_what_a_transformer_sees_besides_cannot_be_set_for_another_encoder() -> None:
+    params = ExtractParams(foreground={"background": 3})  # type: ignore[arg-type]
+    encoder, got, other = missing_choice(params, ["foreground", "background"]) or ("", "", "")
+    assert (encoder, got) == ("encoder", "efficientnet-lite0")
+    assert missing_choice(params.model_copy(update={encoder: other}), ["foreground", "background"]) is None
+    none = params.model_copy(update={encoder: other, "tokens": "all"})
+    assert missing_choice(none, ["foreground", "background"]) == ("tokens", "all", "foreground")
+    with pytest.raises(RunFileError, match=r"encoder = efficientnet-lite0.*--set stages\.extract\.encoder="):
+        load_config(RUNS / "demo.toml", ["stages.extract.foreground.background=3"])

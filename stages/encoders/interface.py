@@ -47,7 +47,7 @@ class Pixels:
     def normalized(self, levels: Tensor) -> Tensor:
         """uint8 (b, 3, size, size) → float32 on the same device, channels last in memory."""
         mean, std = (torch.tensor(values, device=levels.device).view(3, 1, 1) for values in (self.mean, self.std))
-        return ((levels - mean) / std).contiguous(memory_format=torch.channels_last)
+        return (levels - mean.float()).div_(std).contiguous(memory_format=torch.channels_last)
 
 
 @dataclass(frozen=True)

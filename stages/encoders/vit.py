@@ -134,9 +134,10 @@ class Blocks(nn.Module):
             taken.append(output[0] if isinstance(output, tuple) else output)
 
         def leave_out(_module: nn.Module, _inputs: Any, rows: Tensor) -> Tensor:
-            patches = rows[:, self.prefix :]
-            patches = patches.gather(1, kept[..., None].expand(-1, -1, rows.shape[-1]))  # type: ignore[index]
-            return torch.cat([rows[:, : self.prefix], patches], 1)
+            assert kept is not None
+            views = torch.arange(len(rows), device=rows.device)[:, None]
+            before = torch.arange(self.prefix, device=rows.device).expand(len(rows), -1)
+            return rows[views, torch.cat([before, kept + self.prefix], 1)]
 
         def leave_out_angles(_module: nn.Module, _inputs: Any, angles: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
             return tuple(one[kept][:, None] for one in angles)  # (patch, d) → (b, head, n, d)
