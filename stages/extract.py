@@ -14,7 +14,6 @@ from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.encoders.names import family_of, known_name
 from b23d.stages.encoders.weights import find_checkpoint
 
-
 TRANSFORMER = "saliency-vit-s14"
 """An encoder that sees what it is given alone."""
 
