@@ -82,18 +82,22 @@ class Planner:
     def _node(self, stage: Stage, shape: Shape, draw: Draw | None, key: tuple[str, str, int | None]) -> Node | None:
         name = stage.name
         inputs: dict[str, Node | LeafNode | list[Node | LeafNode] | None] = {}
+        addresses: dict[str, str | list[str]] = dict(self.fingerprints[name])
         for item in stage.inputs:
             value = self._input(stage, item, shape, draw)
-            if value is None and not item.optional:
-                return None
+            if value is None:
+                if not item.optional:
+                    return None
+            else:
+                addresses[item.name] = [v.recipe for v in value] if isinstance(value, list) else value.recipe
             inputs[item.name] = value
-        addresses = {argument: _recipe(value) for argument, value in inputs.items() if value is not None}
-        address = self.makers[name]({**addresses, **self.fingerprints[name]})
+        address = self.makers[name](addresses)
         node = self.nodes.get((name, address))
         if node is None:
             shots = tuple(shot.name for shot in draw.shots) if key[2] is not None and draw else ()
             node = Node(name, shape.name, shape.category, address, address, inputs, shots=shots)
-            node.after = tuple(self._checks(stage, shape, draw))
+            if self.gates[name]:
+                node.after = tuple(self._checks(stage, shape, draw))
             self.nodes[name, address] = node
             if shape.error and not self.only_shots[name]:
                 node.state, node.reason = State.BLOCKED, shape.error
@@ -183,7 +187,3 @@ class Planner:
                     leaf, sha256(f"{MISSING}:{shape.name}"), f"{type(error).__name__}: {shape.name}: {error}"
                 )
         return self.leaves[key]
-
-
-def _recipe(value: Node | LeafNode | list[Node | LeafNode]) -> str | list[str]:
-    return [item.recipe for item in value] if isinstance(value, list) else value.recipe
