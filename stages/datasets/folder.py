@@ -21,6 +21,7 @@ from pydantic import Field
 
 from b23d.pipeline.dataset import Leaf, Shape, dataset, is_export
 from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated
+from b23d.stages.datasets.damage import WithDamage
 from b23d.stages.datasets.external import WithExternals
 from b23d.stages.datasets.files import IMAGES, Companions, has_faces, uncollected
 from b23d.stages.datasets.sources import source_leaf
@@ -36,7 +37,7 @@ BESIDE = (*IMAGES, ".mtl", ".bin")
 
 
 @dataset("folder")
-class Folder(WithExternals):
+class Folder(WithDamage, WithExternals):
     """Any folder of shapes."""
 
     kind: Literal["folder"] = "folder"
@@ -89,7 +90,8 @@ class Folder(WithExternals):
                 leaves["keypoints"] = keypoints[key]
             leaves |= externals.leaves(*key)
             shapes.append(Shape(key[1], key[0], leaves, None, error))
-        return sorted([*shapes, *self._set_aside(listing, found, errors)], key=lambda shape: shape.name)
+        shapes += self._set_aside(listing, found, errors)
+        return self.damaged(sorted(shapes, key=lambda shape: shape.name))
 
     def annotation_file(self, category: str = "") -> Path:
         return self.keypoints if self.keypoints is not None else self.root / "keypoints.json"

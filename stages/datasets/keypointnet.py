@@ -15,6 +15,7 @@ from typing import Literal
 
 from b23d.pipeline.dataset import Shape, dataset
 from b23d.stages.datasets.annotations import MEND, AnnotationFile, repeated
+from b23d.stages.datasets.damage import WithDamage
 from b23d.stages.datasets.external import Externals, WithExternals
 from b23d.stages.datasets.files import uncollected
 from b23d.stages.datasets.folder import NO_SHAPES
@@ -25,7 +26,7 @@ CLOUDS, MESHES = "pcds", "ShapeNetCore.v2.ply"
 
 
 @dataset("keypointnet")
-class KeypointNet(WithExternals):
+class KeypointNet(WithDamage, WithExternals):
     """KeypointNet's classes with their human keypoints."""
 
     kind: Literal["keypointnet"] = "keypointnet"
@@ -63,7 +64,7 @@ class KeypointNet(WithExternals):
             shapes += [
                 _aside(name[: -len(".json")], f"annotations/{name}: {why}") for name, why in listing.strange.items()
             ]
-        return sorted(shapes, key=lambda shape: shape.name)
+        return self.damaged(sorted(shapes, key=lambda shape: shape.name))
 
     def annotation_file(self, category: str) -> Path:
         return self.root / "annotations" / f"{category}.json"

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
+from b23d.pipeline.dataset import Leaf, Shape, dataset
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.parts import Parts
 from b23d.schemas.shape import Source
+from b23d.stages.datasets.damage import WithDamage
 
 if TYPE_CHECKING:
     from b23d.stages.datasets.procedural.assembling import BuiltShape
@@ -25,7 +26,7 @@ VERSION = 2
 
 
 @dataset("procedural")
-class Procedural(Dataset):
+class Procedural(WithDamage):
     kind: Literal["procedural"]
     classes: list[Category] = ["chair", "table", "airplane", "mug"]
     count: int = Field(12, ge=1, le=10_000)
@@ -37,7 +38,8 @@ class Procedural(Dataset):
 
     def shapes(self) -> list[Shape]:
         """All shapes, named `chair/chair-0000` …"""
-        return [self._shape(category, index) for category in sorted(set(self.classes)) for index in range(self.count)]
+        classes = sorted(set(self.classes))
+        return self.damaged([self._shape(category, i) for category in classes for i in range(self.count)])
 
     def _shape(self, category: str, index: int) -> Shape:
         key = {"class": category, "seed": self.seed, "index": index, "version": VERSION}

@@ -1,4 +1,4 @@
-"""Pairs: shapes that differ from one another in one known place, with a cloud of corresponding points each.
+"""Pairs: shapes that differ from one another in a known way, with a cloud of corresponding points each.
 
 Point i of one is where point i of the other is: the same place on the same face. Their clouds are their candidates
 (which `normalize` sees to), so that their artifacts compare row by row.
@@ -18,13 +18,16 @@ from b23d.schemas.shape import Source
 if TYPE_CHECKING:
     from b23d.stages.datasets.procedural.solids import Solid
 
-Pair = Literal["cubes", "boxes", "bump", "stretch", "engines"]
+Pair = Literal["cubes", "boxes", "bump", "stretch", "engines", "walk", "wave", "child"]
 IDS: dict[Pair, tuple[str, str]] = {
     "cubes": ("in", "out"),
     "boxes": ("in", "out"),
     "bump": ("before", "after"),
     "stretch": ("before", "after"),
     "engines": ("before", "after"),
+    "walk": ("standing", "walking"),
+    "wave": ("standing", "waving"),
+    "child": ("adult", "walking-child"),
 }
 VERSION = 1
 """Raise it when the shapes change: it enters their addresses."""
@@ -37,7 +40,8 @@ class Pairs(Dataset):
     pairs: list[Pair] = ["cubes", "bump", "stretch", "engines"]
     """cubes: isometric, one side dented in or out (the paper's example). boxes: the same, longer than the dent is high,
     so that both have one scale. bump: a smooth bump on a table's top. stretch: an airplane's rear body drawn out, its
-    tail untouched. engines: an airplane's engines above its wings, not below."""
+    tail untouched. engines: an airplane's engines above its wings, not below. walk, wave: a person in
+    two poses. child: a standing adult and a walking child."""
     points: int = Field(2048, ge=8)
 
     def annotations_kept(self) -> str:
@@ -77,8 +81,9 @@ def load_source(files: dict[str, bytes], values: dict[str, Any]) -> Source:
 
 
 def made(pair: Pair) -> tuple[Solid, Solid]:
-    """Both shapes of a pair: one list of faces, two of vertices; in one frame, equal but where the pair differs."""
-    from b23d.stages.datasets.procedural import changes
+    """Both shapes of a pair: one list of faces, two of vertices; in one frame, equal but where the pair differs, or
+    in different poses."""
+    from b23d.stages.datasets.procedural import changes, figures
 
     return {
         "cubes": changes.dented_cubes,
@@ -86,6 +91,9 @@ def made(pair: Pair) -> tuple[Solid, Solid]:
         "bump": changes.bumped_table,
         "stretch": changes.stretched_airplane,
         "engines": changes.raised_engines,
+        "walk": lambda: (figures.figure(), figures.figure(figures.WALKING)),
+        "wave": lambda: (figures.figure(), figures.figure(figures.WAVING)),
+        "child": lambda: (figures.figure(), figures.figure(figures.WALKING, figures.CHILD)),
     }[pair]()
 
 

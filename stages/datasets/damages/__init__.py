@@ -1,0 +1,1 @@
+"""What scans suffer from, each a function of a clean shape, an amount and a random generator."""

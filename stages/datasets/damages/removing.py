@@ -1,0 +1,103 @@
+"""Damages that take surface away: holes, what one side does not see, and most of the faces or points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from b23d.stages.datasets.damages.scan import Scan
+
+SIDE = 0.02
+"""Longest side of the faces at a rim, in sizes."""
+RADIUS = 0.08
+"""Of a hole, in sizes."""
+ELEVATION = 20.0
+"""Degrees that a one-sided scan's camera looks down."""
+DISTANCE = 3.0
+"""Of that camera from the middle, in sizes."""
+FINEST, COARSER = 512, 1.05
+"""Cells along the shape's longest side to begin merging with, and by how much they grow until that is enough."""
+FLIP = 100.0
+"""Radius of the sphere that hidden points are found with, in distances of the farthest point from the camera."""
+
+
+def holes(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
+    """Balls around random places of the surface cut out, one after another, until `amount` (below 1) of it is gone."""
+    if amount >= 1:
+        raise ValueError(f"holes: expected an amount below 1, got {amount:g}; set dataset.damage.amount")
+    fine = scan.fine(SIDE * scan.size)
+    places, weights, size = fine.places(), fine.weights(), scan.size
+    there = np.ones(len(places), bool)
+    missing = amount
+    while missing > 0 and there.sum() > 1:
+        left = np.flatnonzero(there)
+        centre = places[rng.choice(left, p=weights[left] / weights[left].sum())]
+        distance = np.linalg.norm(places[left] - centre, axis=1)
+        nearest = np.argsort(distance, kind="stable")
+        enough = int(np.searchsorted(np.cumsum(weights[left][nearest]), missing))  # the last hole is smaller
+        cut = left[nearest[: min(int((distance <= RADIUS * size).sum()), enough)]]
+        if not len(cut):
+            break
+        there[cut] = False
+        missing -= float(weights[cut].sum())
+    return fine.of(there)
+
+
+def one_sided(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
+    """What a camera sees that looks down on the shape, `amount` degrees from its front (-z) towards its right (+x)."""
+    fine = scan.fine(SIDE * scan.size)
+    azimuth, elevation = np.deg2rad(amount), np.deg2rad(ELEVATION)
+    direction = np.array([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), -np.cos(azimuth) * np.cos(elevation)])
+    middle = (scan.vertices.min(axis=0) + scan.vertices.max(axis=0)) / 2
+    eye = middle + DISTANCE * scan.size * direction
+    return fine.of(_unhidden(fine, eye) if len(fine.faces) else _on_top(fine.vertices - eye))
+
+
+def decimated(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
+    """At most `amount` faces, by merging the vertices in each cell of a grid (Rossignac and Borrel 1993); of a cloud
+    `amount` random points."""
+    if amount < 4:
+        raise ValueError(f"decimated: expected at least 4 faces or points, got {amount:g}; set dataset.damage.amount")
+    if not len(scan.faces):
+        count = min(int(amount), len(scan.vertices))
+        return scan.of(np.sort(rng.choice(len(scan.vertices), count, replace=False)))
+    side, merged = scan.size / FINEST, scan
+    while len(merged.faces) > amount:
+        merged, side = _clustered(scan, side), side * COARSER
+    return merged
+
+
+def _unhidden(scan: Scan, eye: np.ndarray) -> np.ndarray:
+    """(f,) bool: nothing lies between a face's middle and the eye."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    middle, size = scan.vertices.mean(axis=0), scan.size
+    scene = EmbreeScene(robust=True)
+    _mesh = TriangleMesh(scene, ((scan.vertices - middle) / size).astype(np.float32), scan.faces.astype(np.int32))
+    places = (scan.places() - middle) / size
+    to_eye = (eye - middle) / size - places
+    to_eye /= np.linalg.norm(to_eye, axis=1, keepdims=True)
+    hit = scene.run((places + 1e-4 * to_eye).astype(np.float32), to_eye.astype(np.float32), output=False)
+    return np.asarray(hit) < 0
+
+
+def _on_top(points: np.ndarray) -> np.ndarray:
+    """(n,) bool: points (n, 3) that a camera at the origin sees, by hidden point removal (Katz, Tal and Basri 2007)."""
+    from scipy.spatial import ConvexHull
+
+    distance = np.linalg.norm(points, axis=1, keepdims=True)
+    flipped = points / distance * (2 * FLIP * distance.max() - distance)
+    seen = np.zeros(len(points) + 1, bool)
+    seen[ConvexHull(np.concatenate([flipped, np.zeros((1, 3))])).vertices] = True
+    return seen[:-1]
+
+
+def _clustered(scan: Scan, side: float) -> Scan:
+    cells = np.floor((scan.vertices - scan.vertices.min(axis=0)) / side).astype(np.int64)
+    cell = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+    count = np.bincount(cell)
+    middles = np.stack([np.bincount(cell, scan.vertices[:, i]) for i in range(3)], axis=1) / count[:, None]
+    faces = cell[scan.faces]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    first = np.unique(np.sort(faces[whole], axis=1), axis=0, return_index=True)[1]
+    return Scan(middles, faces[whole][np.sort(first)])
