@@ -42,6 +42,10 @@ class NormalizeParams(Params):
     """Degrees by which the upright shape is turned about the up axis (from +z towards +x) before anything else, its
     annotations with it; "random": another angle for every shape, from `seed`. To measure what a method owes to a common
     orientation."""
+    stray: Literal["drop", "keep"] = "drop"
+    """What to do with points and specks that are few, small, and far from all else, where the frame would reach out to
+    them (a scan's outliers). "drop": the frame is the box of the rest; stray faces go, a cloud's stray points are put
+    on their neighbours in the file's order, as points that are not finite are."""
     watertight: bool = False
     """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS,
     SHOT). Candidates are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay;
@@ -53,13 +57,14 @@ class NormalizeParams(Params):
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
 
 
-@stage(version=2, hints=Hints(memory_gb=0.5))
+@stage(version=3, hints=Hints(memory_gb=0.5))
 def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
     """Read, set upright (the source's `up` axis becomes +y), clean, move to the unit frame, and choose candidates.
 
     The frame is the box of the vertices that clean faces use (of the cloud's points where there is no mesh). Vertices
     keep the file's number and order. Faces with a non-finite, repeated or collinear corner, and faces that cover the
-    same three places as an earlier one (either way round), are dropped; all are counted in `repairs`.
+    same three places as an earlier one (either way round), are dropped, and so is what is `stray`; all are counted in
+    `repairs`.
 
     Raises ValueError, naming the shape: empty or unreadable file; neither faces nor points; a face index out of range;
     all faces degenerate; more than `max_nonfinite` of the coordinates not finite; fewer than 2 distinct points; `cloud`
@@ -121,6 +126,8 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
 
     _check_finite(shape, surface.vertices, params, "vertices")
     result = clean(surface.vertices, surface.faces, shape)
+    if params.stray == "drop":
+        result = _without_stray(result, surface, shape)
     replaced = params.watertight and not one_closed_surface(result.vertices, result.faces)
     if replaced:
         result = _closed(result, params.watertight_resolution)
@@ -160,6 +167,20 @@ def _mesh(shape: str, surface: Surface, cloud: Cloud | None, params: NormalizePa
     )
 
 
+def _without_stray(result: Clean, surface: Surface, shape: str) -> Clean:
+    """The clean mesh without its stray faces, in the frame of the rest; as it is where it has none."""
+    from b23d.stages.geometry.cleaning import clean
+    from b23d.stages.geometry.stray import stray_faces
+
+    repairs, strays = result.repairs, 0
+    while (stray := stray_faces(result.vertices, result.faces)).any():
+        strays += int(stray.sum())
+        kept = result.kept[~stray]
+        rest = clean(surface.vertices, surface.faces[kept], shape)
+        result = replace(rest, kept=kept[rest.kept], repairs={**repairs, "stray_faces": strays})
+    return result
+
+
 def _closed(result: Clean, resolution: int) -> Clean:
     """The clean mesh's watertight one in the same frame; counts how many edges were not in exactly two faces, and its
     faces."""
@@ -171,11 +192,16 @@ def _closed(result: Clean, resolution: int) -> Clean:
 
 
 def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape:
-    from b23d.stages.geometry.cleaning import Frame, check_frame
+    from b23d.stages.geometry.cleaning import Frame, check_frame, fill_gaps
     from b23d.stages.geometry.sampling import farthest_points
+    from b23d.stages.geometry.stray import stray_points
 
-    frame = check_frame(Frame.around(cloud.points), shape)
-    vertices = frame.unit(cloud.points).astype(np.float32)
+    frame, points, strays = check_frame(Frame.around(cloud.points), shape), cloud.points, 0
+    while params.stray == "drop" and (stray := stray_points(frame.unit(points))).any():
+        strays += int(stray.sum())
+        points = fill_gaps(np.where(stray[:, None], np.nan, points))
+        frame = check_frame(Frame.around(points), shape)
+    vertices = frame.unit(points).astype(np.float32)
     kind = _kind(shape, cloud, params)
     points = vertices if kind == "cloud" else vertices[farthest_points(vertices, params.count)]
     return NormalizedShape(
@@ -189,7 +215,11 @@ def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape
         candidates=kind,
         center=_triple(frame.center),
         scale=frame.scale,
-        repairs={"non_finite_points": cloud.repaired, **cloud.problems},
+        repairs={
+            "non_finite_points": cloud.repaired,
+            **({"stray_points": strays} if strays else {}),  # clean shapes' artifacts stay what they were
+            **cloud.problems,
+        },
     )
 
 

@@ -51,6 +51,14 @@ def normalized(params: Any, with_cloud: bool = True) -> NormalizedShape:
     return made
 
 
+def with_outlier(params: Any) -> NormalizedShape:
+    """Of a cloud that has one point far off."""
+    points = np.concatenate([np.random.default_rng(0).normal(size=(80, 3)), [[90.0, 0, 0]]])
+    source = Source(shape="a/b", files={"c.xyz": xyz(points)}, cloud="c.xyz")
+    made: NormalizedShape = stage("normalize").function(source, params)
+    return made
+
+
 @functools.cache
 def mesh() -> NormalizedShape:
     return normalized(stage("normalize").params(count=64, candidates="fps"), with_cloud=False)

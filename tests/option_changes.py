@@ -159,6 +159,7 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
         "seed": ({"max_nonfinite": 0.5, "candidates": "fps", "count": 20}, 1),
         "max_nonfinite": ({}, 0.5),
         "turn": ({"max_nonfinite": 0.5}, 30.0),
+        "stray": ({"count": 20}, "keep"),
         "watertight": (WATERTIGHT | {"watertight": False}, True),
         "watertight_resolution": (WATERTIGHT, 16),
         "colors": ({"max_nonfinite": 0.5}, False),

@@ -3,6 +3,7 @@ page."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,35 @@ def test_classes_are_analysed(name: str, columns: list[str], tmp_path: Path) -> 
     assert "<h1>" in page and table.select_dtypes("number").notna().all(axis=None)
 
 
+def test_bad_scans_are_compared_with_the_same_shapes_clean(tmp_path: Path) -> None:
+    variants = {
+        "clean": {},
+        "shuffled": {"dataset.damage.kind": "shuffled", "dataset.damage.amount": 0},
+        "holes": {"dataset.damage.kind": "holes", "dataset.damage.amount": 0.7},
+    }
+    more = {
+        "variants": json.dumps(variants), "dataset.classes": '["chair"]', "dataset.count": "5",
+        "dataset.damage.clean": "3", "shots.count": "2",
+    }  # fmt: skip
+    table, page = analysed("robustness", tmp_path, more)
+    rows = table.set_index("scan")
+    assert (rows["shapes"] == 2).all() and rows.loc[["clean", "shuffled"], "left"].tolist() == [1, 1]
+    assert rows["PCK"]["clean"] == rows["clean"]["clean"] and rows["change"]["clean"] == 0
+    assert rows["left"]["holes"] < 0.9
+    assert page.count("data:image/webp") == 2 * 2 * 2, "two damages, two shapes, before and after"
+
+
+def test_robustness_needs_a_clean_run_to_compare_with(tmp_path: Path) -> None:
+    path, overrides = tiny("robustness", tmp_path)
+    more = ['variants={"holes" = {"dataset.damage.kind" = "turned"}}', "dataset.damage.clean=1", "shots.count=1"]
+    with pytest.raises(ValueError, match='expected a variant with dataset.damage.kind = "none"'):
+        analyse(path, [*overrides, *more], str(tmp_path / "store"), workers=0)
+    path, overrides = tiny("pca", tmp_path)
+    with pytest.raises(ValueError, match="got pairs"):
+        more = ['dataset={"kind" = "pairs"}', 'analysis={"kind" = "robustness"}']
+        analyse(path, more, str(tmp_path / "store"), workers=0)
+
+
 def test_the_report_links_to_the_analysis(tmp_path: Path) -> None:
     from b23d.stages.workbench.report.writing import write_report
 
@@ -223,7 +253,10 @@ def test_members_are_a_sweep_s_values_and_the_variants(tmp_path: Path) -> None:
 def test_errors_say_what_to_do(tmp_path: Path) -> None:
     path, overrides = tiny("views", tmp_path)
     for more, words in (
-        ("analysis.kind=stabilty", "expected one of keypoints, pca, semantic, similarity, stability, got 'stabilty'"),
+        (
+            "analysis.kind=stabilty",
+            "expected one of keypoints, pca, robustness, semantic, similarity, stability, got 'stabilty'",
+        ),
         ("analysis.refrence=1", "refrence: extra inputs are not permitted"),
         ("analysis.reference=many", "reference: input should be a valid number"),
     ):

@@ -16,6 +16,7 @@ from tests.test_geodesic import plate
 
 ELSEWHERE: dict[str, Make] = {
     "geodesic.graph.shortcuts": lambda params: stage("geodesic").function(plate(count=300), params),
+    "normalize.stray": cases.with_outlier,
     "render.disc_radius": lambda params: stage("render").function(cases.bare(), params),
     "render.disc_neighbours": lambda params: stage("render").function(cases.bare(), params),
     "optimize.softmax.one_to_one": cases.solved_on_few,

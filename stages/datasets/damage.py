@@ -22,6 +22,7 @@ from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.params import Params, When
 from b23d.schemas.parts import Parts
 from b23d.schemas.shape import Source
+from b23d.schemas.up_axis import to_y_up
 
 if TYPE_CHECKING:
     from b23d.stages.datasets.damages.scan import Scan
@@ -31,6 +32,7 @@ VERSION = 1
 """Raise it when damages change: it enters the shapes' addresses."""
 GONE = 0.02
 """A keypoint is absent where the surface nearest to it is farther off than before by more than this, in sizes."""
+REMOVING = ("holes", "one-sided", "decimated")
 RANDOM = ("noise", "holes", "uneven", "outliers", "flying", "soup", "shuffled", "decimated")
 
 
@@ -73,17 +75,20 @@ class WithDamage(Dataset):
     damage: Damage = Damage()
     """The shapes as bad scans of themselves, to measure what that costs."""
 
-    def damaged(self, shapes: list[Shape]) -> list[Shape]:
-        """The shapes, all but the first `damage.clean` annotated ones of each class damaged."""
+    def listed(self) -> list[Shape]:
+        """The shapes, all but the first `damage.clean` annotated ones of each class damaged. Raises as `shapes`."""
+        shapes = super().listed()
+        if self.damage == Damage():
+            return shapes
         spared: dict[str, int] = defaultdict(int)
         found = []
-        for shape in sorted(shapes, key=lambda shape: shape.name) if self.damage != Damage() else ():
+        for shape in shapes:
             clean = "keypoints" in shape.leaves and spared[shape.category] < self.damage.clean
             spared[shape.category] += clean
             applied = self.damage.model_copy(update={"kind": "none"}) if clean else self.damage
             split = {"official": "train" if clean else "test"} if self.damage.clean else {}
             found.append(replace(shape, leaves=_leaves(shape.leaves, applied), **split))
-        return found or shapes
+        return found
 
 
 def _leaves(leaves: dict[str, Leaf], damage: Damage) -> dict[str, Leaf]:
@@ -117,13 +122,14 @@ def load_source(load: Load, files: dict[str, bytes], values: dict[str, Any]) -> 
 
     source: Source = load(files, {**values["of"], **values.get("context", {})})
     scan = damaged_scan(clean_scan(source, values["damage"]), values["damage"])
+    upright = to_y_up(source.up)
     if not len(scan.vertices):
         raise ValueError(
             f"{source.shape}: expected something to be left of it, got nothing; choose another dataset.damage.amount"
         )
     role = "mesh" if len(scan.faces) else "cloud"
-    data = ply_bytes(scan.vertices, scan.faces.astype(np.int32), None)
-    return Source(shape=source.shape, files={f"{role}.ply": data}, **{role: f"{role}.ply"})
+    data = ply_bytes(scan.vertices @ upright, scan.faces.astype(np.int32), None)
+    return Source(shape=source.shape, files={f"{role}.ply": data}, **{role: f"{role}.ply"}, up=source.up)
 
 
 def load_keypoints(load: Load, load_clean: Load, files: dict[str, bytes], values: dict[str, Any]) -> Keypoints:
@@ -132,14 +138,17 @@ def load_keypoints(load: Load, load_clean: Load, files: dict[str, bytes], values
 
     told = values["damage"]
     found: Keypoints = load(_below("keypoints", files), {**values["of"], **values.get("context", {})})
-    kept = np.ones(len(found.ids), bool)
-    if told["kind"] in ("holes", "one-sided"):
-        scan = clean_scan(_clean_source(load_clean, files, values), told)
-        kept = ~gone(found.positions, scan, damaged_scan(scan, told))
+    source = _clean_source(load_clean, files, values)
+    upright, kept = to_y_up(source.up), np.ones(len(found.ids), bool)
+    positions = found.positions @ upright.T
+    if told["kind"] in REMOVING:
+        scan = clean_scan(source, told)
+        if told["kind"] != "decimated" or len(scan.faces):  # fewer points are as much surface, fewer faces less
+            kept = ~gone(positions, scan, damaged_scan(scan, told))
     left = set(found.ids[kept].tolist())
     return found.model_copy(update={
         "ids": found.ids[kept],
-        "positions": posed(found.positions, told["kind"], told.get("amount", 0.0))[kept],
+        "positions": posed(positions, told["kind"], told.get("amount", 0.0))[kept] @ upright,
         "point_indices": np.full(int(kept.sum()), -1, np.int32),
         "reflections": [orbit for orbit in found.reflections if left.issuperset(orbit)],
         "rotations": [orbit for orbit in found.rotations if left.issuperset(orbit)],
@@ -152,12 +161,15 @@ def load_parts(load: Load, load_clean: Load, files: dict[str, bytes], values: di
 
     told = values["damage"]
     found: Parts = load(_below("parts", files), {**values["of"], **values.get("context", {})})
-    return found.model_copy(update={"points": posed(found.points, told["kind"], told.get("amount", 0.0))})
+    upright = to_y_up(_clean_source(load_clean, files, values).up)
+    return found.model_copy(
+        update={"points": posed(found.points @ upright.T, told["kind"], told.get("amount", 0.0)) @ upright}
+    )
 
 
 def clean_scan(source: Source, told: dict[str, Any]) -> Scan:
-    """A source's mesh, or else its cloud; sampled where the damage asks for points. Raises ValueError with the shape's
-    name."""
+    """A source's mesh, or else its cloud, upright; sampled where the damage asks for points. Raises ValueError with the
+    shape's name."""
     from b23d.stages.datasets.damages.scan import Scan
     from b23d.stages.geometry.cleaning import fill_gaps, finite_rows
     from b23d.stages.geometry.loading import load
@@ -172,7 +184,7 @@ def clean_scan(source: Source, told: dict[str, Any]) -> Scan:
     faces = loaded.faces if isinstance(loaded, Surface) else np.zeros((0, 3), np.int64)
     if not finite_rows(vertices).any():
         raise ValueError(f"{source.shape}: expected finite coordinates, got none; mend or remove its file")
-    scan = Scan(fill_gaps(vertices), faces.astype(np.int64))
+    scan = Scan(fill_gaps(vertices) @ to_y_up(source.up).T, faces.astype(np.int64))
     scan = scan.of(np.arange(len(scan.places())))
     if not told["points"] or not len(scan.faces):
         return scan
@@ -203,7 +215,7 @@ def gone(positions: np.ndarray, clean: Scan, left: Scan) -> np.ndarray:
     size = clean.size
     before, after = (
         cKDTree(np.concatenate([part.vertices, part.places()])).query(positions)[0]
-        for part in (clean.fine(GONE * size), left)
+        for part in (clean.fine(GONE * size), left.fine(GONE * size))
     )
     return np.asarray(after - before > GONE * size)
 

@@ -90,8 +90,7 @@ class Folder(WithDamage, WithExternals):
                 leaves["keypoints"] = keypoints[key]
             leaves |= externals.leaves(*key)
             shapes.append(Shape(key[1], key[0], leaves, None, error))
-        shapes += self._set_aside(listing, found, errors)
-        return self.damaged(sorted(shapes, key=lambda shape: shape.name))
+        return sorted([*shapes, *self._set_aside(listing, found, errors)], key=lambda shape: shape.name)
 
     def annotation_file(self, category: str = "") -> Path:
         return self.keypoints if self.keypoints is not None else self.root / "keypoints.json"

@@ -38,8 +38,7 @@ class Procedural(WithDamage):
 
     def shapes(self) -> list[Shape]:
         """All shapes, named `chair/chair-0000` …"""
-        classes = sorted(set(self.classes))
-        return self.damaged([self._shape(category, i) for category in classes for i in range(self.count)])
+        return [self._shape(category, index) for category in sorted(set(self.classes)) for index in range(self.count)]
 
     def _shape(self, category: str, index: int) -> Shape:
         key = {"class": category, "seed": self.seed, "index": index, "version": VERSION}

@@ -1,0 +1,90 @@
+"""Stray points and specks: they do not move the frame, are told, and are nothing that belongs to a shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from b23d.stages.datasets.damage import Damage
+from b23d.stages.datasets.procedural import Procedural
+from b23d.stages.geometry.stray import stray_faces, stray_points
+from b23d.stages.normalize import NormalizeParams, normalize
+from tests.made_datasets import read
+from tests.made_shapes import of_cloud, of_mesh, on_surface
+
+rng = np.random.default_rng(0)
+SPECK = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])
+
+
+def box_and_specks(*places: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    box = trimesh.creation.box((1.0, 0.6, 0.4)).subdivide().subdivide()
+    vertices = [np.asarray(box.vertices), *(SPECK + np.array(place) for place in places)]
+    faces = [np.asarray(box.faces)]
+    faces += [len(box.vertices) + 3 * i + np.arange(3)[None] for i in range(len(places))]
+    return np.concatenate(vertices), np.concatenate(faces)
+
+
+def box_points(count: int) -> np.ndarray:
+    return np.asarray(trimesh.sample.sample_surface(trimesh.creation.box((1.0, 0.6, 0.4)), count, seed=1)[0])
+
+
+def test_a_mesh_is_in_the_frame_that_it_has_without_its_specks() -> None:
+    clean = of_mesh(*box_and_specks())
+    dirty = of_mesh(*box_and_specks((2.0, 0.0, 0.0), (0.0, 3.0, 0.0)))
+    assert dirty.scale == clean.scale and dirty.center == clean.center
+    assert np.array_equal(dirty.faces, clean.faces) and np.array_equal(dirty.points, clean.points)
+    assert dirty.repairs["stray_faces"] == 2 and "stray_faces" not in clean.repairs
+    assert len(dirty.vertices) == len(clean.vertices) + 6, "vertices stay the file's"
+    assert np.allclose(on_surface(dirty), dirty.points, atol=1e-6)
+
+
+def test_a_cloud_is_in_the_frame_that_it_has_without_its_stray_points() -> None:
+    points = box_points(1000)
+    clean = of_cloud(points)
+    dirty = of_cloud(np.concatenate([points, [[3.0, 0, 0], [0, -4.0, 0], [0, 0, 1.0]]]))
+    assert dirty.scale == clean.scale and dirty.repairs["stray_points"] == 3
+    assert len(dirty.vertices) == 1003, "indices stay the file's"
+    assert np.array_equal(dirty.vertices[1000:], np.repeat(dirty.vertices[999:1000], 3, axis=0))
+
+
+@pytest.mark.parametrize("keep", ["mesh", "cloud"])
+def test_who_wants_them_keeps_them(keep: str) -> None:
+    if keep == "mesh":
+        kept = of_mesh(*box_and_specks((2.0, 0.0, 0.0)), stray="keep")
+    else:
+        kept = of_cloud(np.concatenate([box_points(1000), [[2.005, 0, 0]]]), stray="keep")
+    assert kept.scale == pytest.approx(2.5, abs=0.01) and not any("stray" in key for key in kept.repairs)
+
+
+def test_what_does_not_reach_out_stays() -> None:
+    inside = of_mesh(*box_and_specks((0.45, 0.29, 0.5)))  # aside, but within the longest side
+    assert len(inside.faces) == len(box_and_specks()[1]) + 1
+    near = of_mesh(*box_and_specks((0.515, 0.0, 0.0)))
+    assert len(near.faces) == len(box_and_specks()[1]) + 1
+
+
+def test_a_part_of_some_size_stays_however_far() -> None:
+    box = trimesh.creation.box((1.0, 0.6, 0.4))
+    moon = trimesh.creation.box((0.1, 0.1, 0.1)).apply_translation((2.0, 0.0, 0.0))
+    both = trimesh.util.concatenate([box, moon])
+    assert not stray_faces(both.vertices / 3, both.faces).any()
+    points = np.concatenate([box_points(1000), rng.uniform(0, 0.1, (20, 3)) + np.array([2.0, 0, 0])])
+    assert not stray_points(points / 3).any()
+
+
+def test_half_a_cloud_is_never_stray() -> None:
+    assert not stray_points(rng.uniform(size=(300, 3))).any()
+    assert not stray_points(rng.uniform(size=(5, 3))).any()
+    shell = rng.normal(size=(200, 3))
+    assert not stray_points(np.concatenate([shell / np.linalg.norm(shell, axis=1, keepdims=True), shell])).mean() > 0.05
+
+
+@pytest.mark.parametrize("points", [0, 2048])
+def test_outliers_change_no_frame_and_clean_shapes_have_none(points: int) -> None:
+    plain = Procedural(kind="procedural", count=2, damage=Damage(points=points)).listed()
+    dirty = Procedural(kind="procedural", count=2, damage=Damage(points=points, kind="outliers", amount=0.005)).listed()
+    for one, other in zip(plain, dirty, strict=True):
+        clean, damaged = (normalize(read(s.leaves["source"]), NormalizeParams(count=64)) for s in (one, other))
+        assert not any("stray" in key for key in clean.repairs)
+        assert damaged.scale == pytest.approx(clean.scale, rel=0.03)
