@@ -211,7 +211,7 @@ def test_bad_scans_are_compared_with_the_same_shapes_clean(tmp_path: Path) -> No
 def test_robustness_needs_a_clean_run_to_compare_with(tmp_path: Path) -> None:
     path, overrides = tiny("robustness", tmp_path)
     more = ['variants={"holes" = {"dataset.damage.kind" = "turned"}}', "dataset.damage.clean=1", "shots.count=1"]
-    with pytest.raises(ValueError, match='expected a variant with dataset.damage.kind = "none"'):
+    with pytest.raises(ValueError, match=r'expected a variant with dataset\.damage\.kind = "none"'):
         analyse(path, [*overrides, *more], str(tmp_path / "store"), workers=0)
     path, overrides = tiny("pca", tmp_path)
     with pytest.raises(ValueError, match="got pairs"):

@@ -14,8 +14,6 @@ ELEVATION = 20.0
 """Degrees that a one-sided scan's camera looks down."""
 DISTANCE = 3.0
 """Of that camera from the middle, in sizes."""
-FINEST, COARSER = 512, 1.05
-"""Cells along the shape's longest side to begin merging with, and by how much they grow until that is enough."""
 FLIP = 100.0
 """Radius of the sphere that hidden points are found with, in distances of the farthest point from the camera."""
 
@@ -53,17 +51,19 @@ def one_sided(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
 
 
 def decimated(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
-    """At most `amount` faces, by merging the vertices in each cell of a grid (Rossignac and Borrel 1993); of a cloud
+    """About `amount` faces, by collapsing edges of the least quadric error (Garland and Heckbert 1997); of a cloud
     `amount` random points."""
     if amount < 4:
         raise ValueError(f"decimated: expected at least 4 faces or points, got {amount:g}; set dataset.damage.amount")
     if not len(scan.faces):
         count = min(int(amount), len(scan.vertices))
         return scan.of(np.sort(rng.choice(len(scan.vertices), count, replace=False)))
-    side, merged = scan.size / FINEST, scan
-    while len(merged.faces) > amount:
-        merged, side = _clustered(scan, side), side * COARSER
-    return merged
+    if len(scan.faces) <= amount:
+        return scan
+    from fast_simplification import simplify
+
+    vertices, faces = simplify(scan.vertices, scan.faces.astype(np.int32), target_count=int(amount))
+    return Scan(np.asarray(vertices, np.float64), np.asarray(faces, np.int64))
 
 
 def _unhidden(scan: Scan, eye: np.ndarray) -> np.ndarray:
@@ -90,14 +90,3 @@ def _on_top(points: np.ndarray) -> np.ndarray:
     seen = np.zeros(len(points) + 1, bool)
     seen[ConvexHull(np.concatenate([flipped, np.zeros((1, 3))])).vertices] = True
     return seen[:-1]
-
-
-def _clustered(scan: Scan, side: float) -> Scan:
-    cells = np.floor((scan.vertices - scan.vertices.min(axis=0)) / side).astype(np.int64)
-    cell = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-    count = np.bincount(cell)
-    middles = np.stack([np.bincount(cell, scan.vertices[:, i]) for i in range(3)], axis=1) / count[:, None]
-    faces = cell[scan.faces]
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    first = np.unique(np.sort(faces[whole], axis=1), axis=0, return_index=True)[1]
-    return Scan(middles, faces[whole][np.sort(first)])
