@@ -13,7 +13,7 @@ from b23d.pipeline.address import leaf_address
 from b23d.pipeline.dataset import Shape
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape, turned
-from b23d.stages.datasets.damage import Damage, clean_scan, damaged_scan
+from b23d.stages.datasets.damage import ScanDamage, clean_scan, damaged_scan
 from b23d.stages.datasets.damages.scan import Scan
 from b23d.stages.datasets.procedural import Procedural
 from b23d.stages.normalize import NormalizeParams, normalize
@@ -24,7 +24,7 @@ SHAPES = ("chair", "mug")
 
 def listed(**damage: Any) -> list[Shape]:
     up = damage.pop("up", "y")
-    return Procedural(kind="procedural", classes=list(SHAPES), count=2, up=up, damage=Damage(**damage)).listed()
+    return Procedural(kind="procedural", classes=list(SHAPES), count=2, up=up, damage=ScanDamage(**damage)).listed()
 
 
 def keypoints(shape: Shape) -> Keypoints:

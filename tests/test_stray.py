@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from b23d.stages.datasets.damage import Damage
+from b23d.stages.datasets.damage import ScanDamage
 from b23d.stages.datasets.procedural import Procedural
 from b23d.stages.geometry.stray import stray_faces, stray_points
 from b23d.stages.normalize import NormalizeParams, normalize
@@ -82,8 +82,10 @@ def test_half_a_cloud_is_never_stray() -> None:
 
 @pytest.mark.parametrize("points", [0, 2048])
 def test_outliers_change_no_frame_and_clean_shapes_have_none(points: int) -> None:
-    plain = Procedural(kind="procedural", count=2, damage=Damage(points=points)).listed()
-    dirty = Procedural(kind="procedural", count=2, damage=Damage(points=points, kind="outliers", amount=0.005)).listed()
+    plain = Procedural(kind="procedural", count=2, damage=ScanDamage(points=points)).listed()
+    dirty = Procedural(
+        kind="procedural", count=2, damage=ScanDamage(points=points, kind="outliers", amount=0.005)
+    ).listed()
     for one, other in zip(plain, dirty, strict=True):
         clean, damaged = (normalize(read(s.leaves["source"]), NormalizeParams(count=64)) for s in (one, other))
         assert not any("stray" in key for key in clean.repairs)

@@ -36,7 +36,7 @@ REMOVING = ("holes", "one-sided", "decimated")
 RANDOM = ("noise", "holes", "uneven", "outliers", "flying", "soup", "shuffled", "decimated")
 
 
-class Damage(Params):
+class ScanDamage(Params):
     """What is done to the shapes before anything else sees them; a size is the longest side of the clean shape."""
 
     kind: Literal[
@@ -72,13 +72,13 @@ class Damage(Params):
 class WithDamage(Dataset):
     """A data set whose shapes may be damaged."""
 
-    damage: Damage = Damage()
+    damage: ScanDamage = ScanDamage()
     """The shapes as bad scans of themselves, to measure what that costs."""
 
     def listed(self) -> list[Shape]:
         """The shapes, all but the first `damage.clean` annotated ones of each class damaged. Raises as `shapes`."""
         shapes = super().listed()
-        if self.damage == Damage():
+        if self.damage == ScanDamage():
             return shapes
         spared: dict[str, int] = defaultdict(int)
         found = []
@@ -91,7 +91,7 @@ class WithDamage(Dataset):
         return found
 
 
-def _leaves(leaves: dict[str, Leaf], damage: Damage) -> dict[str, Leaf]:
+def _leaves(leaves: dict[str, Leaf], damage: ScanDamage) -> dict[str, Leaf]:
     """A shape's leaves under a damage; those of other programs are left out."""
     if not damage.changes() or "source" not in leaves:
         return leaves
