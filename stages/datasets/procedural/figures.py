@@ -16,7 +16,7 @@ RINGS, SIDES = 28, 16
 
 
 @dataclass(frozen=True)
-class Build:
+class Physique:
     """Lengths in figure heights or so; the defaults are an adult's."""
 
     leg: float = 0.48
@@ -59,10 +59,10 @@ WAVING = Pose(
     right_arm=LimbPose(out=130.0, bend=50.0), left_arm=LimbPose(out=40.0, forward=60.0, bend=70.0),
     right_leg=LimbPose(out=10.0), left_leg=LimbPose(out=16.0, forward=10.0),
 )  # fmt: skip
-CHILD = Build(leg=0.4, arm=0.29, torso=0.34, shoulders=0.1, girth=1.15, head=0.11)
+CHILD = Physique(leg=0.4, arm=0.29, torso=0.34, shoulders=0.1, girth=1.15, head=0.11)
 
 
-def figure(pose: Pose = STANDING, build: Build = Build()) -> Solid:
+def figure(pose: Pose = STANDING, build: Physique = Physique()) -> Solid:
     """One figure. Vertex i is the same place of the body in every pose and build, and so is face i."""
     height, girth = build.leg, build.girth
     neck = height + build.torso
@@ -79,7 +79,7 @@ def figure(pose: Pose = STANDING, build: Build = Build()) -> Solid:
     return _together([torso, head, *right, *(solid.mirrored() for solid in left)])
 
 
-def _torso(low: float, high: float, build: Build) -> Solid:
+def _torso(low: float, high: float, build: Physique) -> Solid:
     share = np.linspace(0.0, 1.0, RINGS)
     wide = np.interp(share, [0, 0.15, 0.45, 0.85, 0.95, 1], [0.06, 0.1, 0.085, 0.12, 0.08, 0.035]) * build.girth
     wide *= np.interp(share, [0, 0.6, 0.85, 1], [1, 1, build.shoulders / 0.12 / build.girth, 1])
