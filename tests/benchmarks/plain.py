@@ -1,4 +1,7 @@
-"""The plain counterpart of every stage: what one would write first with numpy, scipy, trimesh and transformers."""
+"""The plain counterpart of every stage: what one would write first with numpy, scipy, trimesh and transformers.
+
+Those of learn and optimize solve the paper's objective, which is another problem than the posterior's, in loops.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views, ViewTokens
 from b23d.stages.encoders.encoder import Encoder
+from b23d.stages.geodesics.graph import edge_graph, neighbour_edges
 from b23d.stages.geometry.cameras import pixel_rays, project
 from b23d.stages.geometry.sampling import surface_samples
 from b23d.stages.renderers.visibility import by_depth
@@ -68,8 +72,6 @@ def backproject(shape: NormalizedShape, views: Views, tokens: ViewTokens) -> np.
 
 def geodesic(points: np.ndarray, neighbors: int = 20) -> np.ndarray:
     """scipy's Dijkstra from every point."""
-    from b23d.stages.geodesics.graph import edge_graph
-
     found = cKDTree(points).query(points, neighbors + 1)[1][:, 1:]
     edges = np.column_stack([np.repeat(np.arange(len(points)), neighbors), found.ravel()])
     edges = np.unique(np.sort(edges, axis=1), axis=0)
@@ -80,3 +82,52 @@ def reweight(features: PointFeatures, distances: GeodesicDistances, sigma: float
     """All weights, all products, in double precision."""
     weights = np.exp(-(distances.distances.astype(np.float64) ** 2) / (2 * sigma**2)) * features.observed
     return weights @ features.features.astype(np.float64) / np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
+
+
+Shot = tuple[PointFeatures, GeodesicDistances, np.ndarray, np.ndarray]
+"""Its keypoints' ids and candidates last."""
+Learnt = tuple[list[int], np.ndarray, np.ndarray]
+
+
+def learn(shots: list[Shot]) -> Learnt:
+    """Ids; each one's mean feature (k, channel), and their mean distances from each other (k, k)."""
+    ids = sorted({int(one) for *_, named, _ in shots for one in named})
+    features: list[list[np.ndarray]] = [[] for _ in ids]
+    apart: list[list[list[float]]] = [[[] for _ in ids] for _ in ids]
+    for own, distances, named, candidates in shots:
+        at = dict(zip(named.tolist(), candidates.tolist(), strict=True))
+        for row, first in enumerate(ids):
+            if first not in at:
+                continue
+            features[row].append(own.features[at[first]].astype(np.float64))
+            for column, second in enumerate(ids):
+                if second in at:
+                    apart[row][column].append(float(distances.distances[at[first], at[second]]))
+    means = np.array([[np.mean(pair) if pair else np.nan for pair in row] for row in apart])
+    return ids, np.array([np.mean(rows, axis=0) for rows in features]), means
+
+
+def optimize(learnt: Learnt, own: PointFeatures, distances: GeodesicDistances, alpha: float = 0.25) -> np.ndarray:
+    """(k,) candidates: the paper's objective minimised one keypoint after the other, ten times over, from the nearest
+    features."""
+    _, features, apart = learnt
+    costs = ((own.features.astype(np.float64)[None] - features[:, None]) ** 2).sum(axis=2)
+    choice, between = costs.argmin(axis=1), distances.distances.astype(np.float64)
+    for _ in range(10):
+        for row in range(len(choice)):
+            others = [k for k in range(len(choice)) if k != row and np.isfinite(apart[row, k])]
+            stretch = sum((np.abs(between[:, choice[k]] - apart[row, k]) for k in others), np.zeros(len(between)))
+            choice[row] = (costs[row] + alpha * stretch).argmin()
+    return choice
+
+
+def score(points: np.ndarray, predicted: np.ndarray, annotated: np.ndarray, thresholds: np.ndarray) -> list[float]:
+    """IoU at every threshold: Dijkstra from every predicted point, one threshold after the other."""
+    graph = edge_graph(len(points), *neighbour_edges(points, 20))
+    distances = np.array([dijkstra(graph, indices=at)[annotated] for at in predicted])
+    found = []
+    for threshold in thresholds:
+        hits = distances <= threshold
+        true = hits.any(axis=0).sum()
+        found.append(true / (len(annotated) + (~hits.any(axis=1)).sum()))
+    return found
