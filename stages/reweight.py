@@ -15,6 +15,8 @@ from b23d.schemas.params import Params
 HALF = float(np.finfo(np.float16).max)
 UNDERFLOW = 14.5
 """Standard deviations beyond which a Gaussian weight is zero in float32, subnormal numbers included."""
+NOTHING = -70.0
+"""Exponents of weights that are nothing beside a weight of 1, nor is their product with a feature."""
 SPARSE = 0.05
 """Share of the weights up to which a sparse product is faster than a full one."""
 
@@ -120,7 +122,10 @@ def _weights(distances: np.ndarray, sigma: float, reach: float) -> Any:
     near = distances.view(np.uint16) <= np.nextafter(limit, np.float16(np.inf)).view(np.uint16)
     counts = near.sum(axis=1)
     if counts.sum() > SPARSE * near.size:
-        return np.exp((distances.astype(np.float32) / np.float32(sigma)) ** 2 / -2)
+        exponents = (distances.astype(np.float32) / np.float32(sigma)) ** 2 / -2
+        if reach < UNDERFLOW:  # far below what is rounded away, but processors take long over such small numbers
+            exponents[exponents < NOTHING] = -np.inf
+        return np.exp(exponents)
     at = np.flatnonzero(near)
     weights = np.exp((distances.ravel()[at].astype(np.float32) / np.float32(sigma)) ** 2 / -2)
     return csr_array((weights, at % len(distances), np.concatenate([[0], np.cumsum(counts)])), shape=distances.shape)
