@@ -54,6 +54,11 @@ def file_of(run: Path, shape: str) -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.array([line[1:] for line in lines if line[0] == "f"], int) - 1
 
 
+def test_where_no_keypoints_were_asked_for_none_are_promised(boxes: Path) -> None:
+    output = b23d("run", str(boxes), "--workers", "0", "--set", 'outputs=["geodesic"]')
+    assert "b23d keypoints" not in output and f"b23d list {boxes}" in output and f"b23d report {boxes}" in output
+
+
 def test_coordinates_vertices_and_faces_are_the_file_s_own(boxes: Path, tmp_path: Path) -> None:
     b23d("keypoints", str(boxes), "-o", str(tmp_path / "deep" / "k.csv"))
     table = pd.read_csv(tmp_path / "deep" / "k.csv")

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from b23d.pipeline.config import feeding
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.selection import Selection
 from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
@@ -94,9 +95,12 @@ def after_run(run: Run, report: Report, console: Console) -> None:
     """What to do with what a run has made."""
     if report.ok or report.done:
         path = run.config.path
+        if feeding(run.config.file, "optimize") in run.config.stages:
+            first = f"b23d keypoints {path} -o {run.name}.csv   the keypoints in your files' coordinates"
+        else:
+            first = f"b23d list {path}   what there is of each shape, for b23d show to open or to write"
         console.print(
-            f"next: b23d keypoints {path} -o {run.name}.csv   the keypoints in your files' coordinates\n"
-            f"      b23d report {path}   one page to look at them all",
+            f"next: {first}\n      b23d report {path}   one page to look at them all",
             highlight=False,
             soft_wrap=True,
             markup=False,
