@@ -61,7 +61,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
         tables["outputs"] = default_outputs()
     file = validate(RunFile, tables, f"run file {path}")
     dataset = _dataset(file, path)
-    stages = _needed(file, installed)
+    stages = _needed(file, installed, dataset.lacks())
     for name in file.stages:
         if name not in installed:
             raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {suggest(name, installed)}")
@@ -261,8 +261,8 @@ def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict
     return {key: resolve(key, value) for key, value in table.items()}
 
 
-def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
-    """Stages the outputs need, upstream first; leaves (what no stage makes) are left out."""
+def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str]) -> dict[str, Stage]:
+    """Stages the outputs need, upstream first; none that wants a leaf of `lacks`."""
     order: dict[str, Stage] = {}
 
     def visit(name: str, trail: tuple[str, ...]) -> None:
@@ -274,20 +274,20 @@ def _needed(file: RunFile, installed: Mapping[str, Stage]) -> dict[str, Stage]:
             )
         for item in installed[name].inputs:
             source = feeding(file, item.upstream)
+            if item.optional and source in installed and lacks & {i.upstream for i in installed[source].inputs}:
+                continue
             if source not in installed:
                 if item.upstream in file.feeds:
                     raise RunFileError(
                         f"feeds.{item.upstream}: expected a stage, got {source!r}; {suggest(source, installed)}"
                     )
                 for gate in gates(installed, source, item.schema):
-                    if gate != name:
+                    if gate != name and not item.example:
                         visit(gate, (*trail, name))
                 continue
             if not issubclass(installed[source].gives, item.schema):
-                wanted, got = item.schema.__name__, installed[source].gives.__name__
-                raise RunFileError(
-                    f"stage {name}: expected {item.name} to be {wanted}, got {got} from {source}; change [feeds]"
-                )
+                told = f"{item.name} to be {item.schema.__name__}, got {installed[source].gives.__name__} from {source}"
+                raise RunFileError(f"stage {name}: expected {told}; change [feeds]")
             visit(source, (*trail, name))
         order[name] = installed[name]
 

@@ -40,6 +40,10 @@ class Leaf:
         return self.load(files, {**self.values, **self.context})
 
 
+UNORIENTED = "unoriented"
+"""The leaf that shapes have beside `source`, and the same, where it is to be found which axis points up."""
+
+
 @dataclass(frozen=True)
 class Shape:
     """One shape of a data set. `name` is `<category>/<id>`, unique in the data set."""
@@ -63,9 +67,10 @@ class Dataset(Params):
 
     kind: str
     up: Up = "y"
-    """Which axis of the files points up: `y`, `z`, `x`, `-x`, `-y` or `-z`; or a table where they differ: class, shape
-    (`<class>/<id>`) or pattern (`chair/old-*`) → axis, of which the most specific counts. Shapes are brought to +y up
-    for everything that is made of them; annotations and results are in the files' own coordinates."""
+    """Which axis of the files points up: `y`, `z`, `x`, `-x`, `-y` or `-z`; `auto`: found for each shape by its
+    likeness to the shots; or a table where they differ: class, shape (`<class>/<id>`) or pattern (`chair/old-*`) → one
+    of these, of which the most specific counts. Shapes are brought to +y up for everything that is made of them;
+    annotations and results are in the files' own coordinates."""
 
     def listed(self) -> list[Shape]:
         """As `shapes`, each with the up axis that `up` says. Raises as `shapes`, and ValueError where `up` names what
@@ -75,6 +80,11 @@ class Dataset(Params):
             return shapes
         axes = axes_of(self.up, [(shape.category, shape.id) for shape in shapes])
         return [_standing(shape, axes[shape.category, shape.id]) for shape in shapes]
+
+    def lacks(self) -> set[str]:
+        """Leaves that some data sets have, and no shape of this one: stages that are only for these are not planned."""
+        choices = self.up.values() if isinstance(self.up, dict) else [self.up]
+        return set() if "auto" in choices else {UNORIENTED}
 
     @abstractmethod
     def shapes(self) -> list[Shape]:
@@ -114,18 +124,19 @@ class _Upright:
     load: Callable[[dict[str, bytes], dict[str, Any]], Artifact]
 
     def __call__(self, files: dict[str, bytes], values: dict[str, Any]) -> Artifact:
-        up = values["up"]
+        up = None if values["up"] == "auto" else values["up"]
         source = self.load(files, {key: value for key, value in values.items() if key != "up"})
         return source.model_copy(update={"up": up})
 
 
 def _standing(shape: Shape, up: str) -> Shape:
-    """The shape whose file has `up` for its up axis; the axis enters the address unless it is +y."""
+    """The shape whose file has `up` for its up axis, or `auto`; that enters the address unless it is +y."""
     leaf = shape.leaves.get("source")
     if up == "y" or leaf is None:
         return shape
     told = replace(leaf, load=_Upright(leaf.load), values={**leaf.values, "up": up})
-    return replace(shape, leaves={**shape.leaves, "source": told})
+    found = {UNORIENTED: told} if up == "auto" else {}
+    return replace(shape, leaves={**shape.leaves, "source": told, **found})
 
 
 def is_export(name: str) -> bool:

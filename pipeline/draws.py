@@ -44,6 +44,27 @@ def draw_shots(shapes: Iterable[Shape], shots: Shots, unusable: Collection[str],
     return draws
 
 
+def draw_examples(
+    shapes: Iterable[Shape], shots: Shots, unusable: Collection[str], leaves: Collection[str]
+) -> dict[str, tuple[Shape, ...]]:
+    """Of every class, its examples: the shots of its first draw, or as many shapes as have all the leaves; by name.
+
+    They are known before anything is made: a shot that fails later is replaced in its draw, and stays an example.
+    """
+    classes: dict[str, list[Shape]] = defaultdict(list)
+    for shape in shapes:
+        if set(leaves) <= shape.leaves.keys() and shape.name not in unusable:
+            classes[shape.category].append(shape)
+    seed, found = next(iter(shots.draws), 0), {}
+    for category, members in classes.items():
+        named = shots.ids.get(category)
+        pool = [shape for shape in members if named is None or shape.id in named]
+        if named is None and shots.split == "official":
+            pool = [shape for shape in pool if shape.official == "train"]
+        found[category] = tuple(sorted(_ranked(pool, seed)[: shots.count if named is None else None], key=_by_name))
+    return found
+
+
 def draw_problems(
     shapes: Collection[Shape], shots: Shots, draws: Collection[Draw], leaves: Collection[str]
 ) -> dict[str, bool]:
@@ -87,7 +108,7 @@ def _draw(
             return Draw(seed, category, error=_lost(category, named, members, annotated, usable))
     else:
         pool = [shape for shape in usable if options.split == "all-but-shots" or shape.official == "train"]
-        chosen = sorted(pool, key=lambda shape: sha256(f"{seed}:{shape.name}"))[: options.count]
+        chosen = _ranked(pool, seed)[: options.count]
         if len(chosen) < options.count:
             got = f"expected {options.count} annotated shapes as shots, got {len(chosen)}"
             if refused := len(annotated) - len(usable):
@@ -97,7 +118,15 @@ def _draw(
     targets = tuple(
         s for s in members if s.name not in names and (options.split == "all-but-shots" or s.official == "test")
     )
-    return Draw(seed, category, tuple(sorted(chosen, key=lambda shape: shape.name)), targets)
+    return Draw(seed, category, tuple(sorted(chosen, key=_by_name)), targets)
+
+
+def _ranked(pool: Iterable[Shape], seed: int) -> list[Shape]:
+    return sorted(pool, key=lambda shape: sha256(f"{seed}:{shape.name}"))
+
+
+def _by_name(shape: Shape) -> str:
+    return shape.name
 
 
 def _lost(

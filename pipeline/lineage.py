@@ -11,7 +11,7 @@ from b23d.pipeline.explain import BYTES, explain_node
 from b23d.pipeline.history import Record, reached_by, records
 from b23d.pipeline.plan import LeafNode, Node, Plan, State
 from b23d.pipeline.run import Run
-from b23d.pipeline.stage import SHOT
+from b23d.pipeline.stage import upstream_of
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def _start(run: Run, plan: Plan, shape: str, stage: str, draw: int | None, known
 def _leaves(run: Run, node: Node, shape: str, name: str) -> Iterator[LeafNode]:
     """The leaf `name` of `shape` among a node's inputs, its own or a shot's."""
     for argument, value in node.inputs.items():
-        if feeding(run.config.file, argument.removeprefix(SHOT)) != name:
+        if feeding(run.config.file, upstream_of(argument)) != name:
             continue
         if isinstance(value, LeafNode) and node.shape == shape:
             yield value

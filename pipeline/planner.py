@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from b23d.pipeline.address import StageAddress, leaf_address, sha256
 from b23d.pipeline.config import Config, feeding, gates
 from b23d.pipeline.contents import Contents
 from b23d.pipeline.dataset import Shape
-from b23d.pipeline.draws import Draw
+from b23d.pipeline.draws import Draw, draw_examples
 from b23d.pipeline.index import Index
 from b23d.pipeline.plan import MISSING, LeafNode, Node, State
 from b23d.pipeline.stage import Input, Stage
@@ -32,13 +32,15 @@ class Planner:
         self.sources = {
             s: {i.name: feeding(config.file, i.upstream) for i in stage.inputs} for s, stage in config.stages.items()
         }
+        self.examples: dict[str, tuple[Shape, ...]] = {}
+        """Class → its examples; known before the first node that asks for them."""
         self.shot_checks: dict[tuple[str, str, int], list[Node | None]] = {}
         self.gates = {
             name: [
                 (item, gate)
                 for item in stage.inputs
                 for gate in gates(config.stages, self.sources[name][item.name], item.schema)
-                if gate != name
+                if gate != name and not item.example  # a check waits for how shapes stand, which examples tell
             ]
             for name, stage in config.stages.items()
         }
@@ -94,12 +96,15 @@ class Planner:
         address = self.makers[name](addresses)
         node = self.nodes.get((name, address))
         if node is None:
-            shots = tuple(shot.name for shot in draw.shots) if key[2] is not None and draw else ()
+            seen = draw.shots if key[2] is not None and draw else ()
+            if not seen and any(item.example for item in stage.inputs):
+                seen = self.examples.get(shape.category, ())
+            shots = tuple(shot.name for shot in seen)
             node = Node(name, shape.name, shape.category, address, address, inputs, shots=shots)
             if self.gates[name]:
                 node.after = tuple(self._checks(stage, shape, draw))
             self.nodes[name, address] = node
-            if shape.error and not self.only_shots[name]:
+            if shape.error and any(not item.per_shot and not item.example for item in stage.inputs):
                 node.state, node.reason = State.BLOCKED, shape.error
         if key[2] is not None and key[2] not in node.draws:
             node.draws.append(key[2])
@@ -115,6 +120,20 @@ class Planner:
             if i.per_shot and not i.optional
         ]
         return {self.sources[name][item.name] for name, item in asked} - self.config.stages.keys()
+
+    def choose_examples(self, shapes: Sequence[Shape]) -> None:
+        """Choose every class's examples, where a stage of the run asks for them: shapes whose leaves can be read."""
+        asked = {
+            self.sources[name][item.name]
+            for name, stage in self.config.stages.items()
+            for item in stage.inputs
+            if item.example
+        }
+        leaves = asked - self.config.stages.keys()
+        if asked:
+            having = [shape for shape in shapes if leaves <= shape.leaves.keys()]
+            lost = {s.name for s in having if s.error or any((x := self._leaf(n, s)) and x.error for n in leaves)}
+            self.examples = draw_examples(having, self.config.file.shots, lost, leaves)
 
     def settle(self, node: Node) -> None:
         """Decide a node's state; upstream nodes are settled before."""
@@ -144,15 +163,18 @@ class Planner:
         self, stage: Stage, item: Input, shape: Shape, draw: Draw | None
     ) -> Node | LeafNode | list[Node | LeafNode] | None:
         source = self.sources[stage.name][item.name]
+        if item.example:
+            found = [self._upstream(source, each, None) for each in self.examples.get(shape.category, ())]
+            return [each for each in found if each is not None] or None
         if not item.per_shot:
             return self._upstream(source, shape, draw)
         if draw is None:
             return None
         key = (source, draw.category, draw.seed)
         if key not in self.of_shots:  # the same for thousands of targets
-            found = [self._upstream(source, shot, None) for shot in draw.shots]
+            of_shots = [self._upstream(source, shot, None) for shot in draw.shots]
             self.of_shots[key] = (
-                None if any(value is None for value in found) else [value for value in found if value is not None]
+                None if any(value is None for value in of_shots) else [value for value in of_shots if value is not None]
             )
         return self.of_shots[key]
 

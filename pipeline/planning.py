@@ -40,6 +40,7 @@ def make_plan(
 
 def _make_plan(config: Config, shapes: list[Shape], planner: Planner, selection: Selection) -> Plan:
     selection.check_stages(list(config.stages))
+    planner.choose_examples(shapes)
     unusable = _plan_what_needs_no_shots(planner, shapes)
     draws = draw_shots(shapes, config.file.shots, unusable, planner.shot_leaves())
     targets = selection.targets(shapes, {failure.shape for failure in planner.quarantined.values()})

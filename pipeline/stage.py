@@ -5,8 +5,10 @@
 
 The signature is the wiring. An argument's name is the upstream stage (or a leaf of the data set: `source`, `keypoints`,
 `parts`), its annotation the schema it must have. `shot_<upstream>: list[Schema]` asks for that artifact of every shot
-of the target's draw, in the same order for all `shot_` arguments. `X | None` accepts a leaf that a shape does not have;
-without it, the stage is not planned for such a shape. `checks="<leaf>"` makes a stage the gate of a leaf: a shape that
+of the target's draw, in the same order for all `shot_` arguments. `example_<upstream>: list[Schema]` asks for it of the
+class's examples: the shots of its first draw, the same for every shape and every draw, so that what is made of them is
+made once. `X | None` accepts a leaf, or what a stage makes, that a shape does not have; without it, the stage is not
+planned for such a shape. `checks="<leaf>"` makes a stage the gate of a leaf: a shape that
 fails it is no shot and gives the leaf to nobody, and loses nothing else. A field `warnings: list[str]` of what a stage
 gives is told at the end of a run.
 """
@@ -26,7 +28,7 @@ from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params
 
 Function = TypeVar("Function", bound=Callable[..., Artifact])
-SHOT = "shot_"
+SHOT, EXAMPLE = "shot_", "example_"
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Input:
     upstream: str
     schema: type[Artifact]
     per_shot: bool = False
+    example: bool = False
     optional: bool = False
 
 
@@ -101,6 +104,11 @@ def stage(
     return declare
 
 
+def upstream_of(argument: str) -> str:
+    """What an argument of this name asks for."""
+    return argument.removeprefix(SHOT).removeprefix(EXAMPLE)
+
+
 def load_stages() -> dict[str, Stage]:
     """Every installed stage: import what the entry-point group `b23d.stages` names. The engine names none itself.
 
@@ -137,13 +145,13 @@ def _declared(group: str) -> EntryPoints:
 
 
 def _input(stage_name: str, argument: str, annotation: Any) -> Input:
-    per_shot = argument.startswith(SHOT)
+    per_shot, example = argument.startswith(SHOT), argument.startswith(EXAMPLE)
     optional = get_origin(annotation) in (Union, UnionType) and type(None) in get_args(annotation)
-    if (per_shot and get_origin(annotation) is list) or optional:
+    if ((per_shot or example) and get_origin(annotation) is list) or optional:
         annotation = next(a for a in get_args(annotation) if a is not type(None))
     if not (inspect.isclass(annotation) and issubclass(annotation, Artifact)):
-        wanted = "list[Artifact]" if per_shot else "an Artifact"
+        wanted = "list[Artifact]" if per_shot or example else "an Artifact"
         raise TypeError(
             f"stage {stage_name}: expected {argument} annotated with {wanted}, got {annotation}; annotate it"
         )
-    return Input(argument, argument.removeprefix(SHOT), annotation, per_shot, optional)
+    return Input(argument, upstream_of(argument), annotation, per_shot, example, optional)

@@ -30,8 +30,8 @@ class Source(Artifact):
     """Which of `files` is the point cloud (pcd ply xyz npz)."""
     own_names: dict[str, str] = {}
     """What people call some of the `files`: `mesh.obj` → `m45.obj`; for messages."""
-    up: UpAxis = "y"
-    """Which axis of the files points up."""
+    up: UpAxis | None = "y"
+    """Which axis of the files points up; None: to be found (`orient`)."""
 
 
 class NormalizedShape(Artifact):

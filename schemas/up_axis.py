@@ -21,6 +21,8 @@ import numpy as np
 from pydantic import BeforeValidator
 
 UpAxis = Literal["y", "z", "x", "-x", "-y", "-z"]
+UpChoice = Literal["y", "z", "x", "-x", "-y", "-z", "auto"]
+"""`auto`: each shape's own, found by the stage `orient`."""
 UP_AXES: tuple[UpAxis, ...] = get_args(UpAxis)
 _ROWS = {
     "y": ("x", "y", "z"),
@@ -43,27 +45,31 @@ def to_y_up(up: UpAxis) -> np.ndarray:
 def _checked(value: Any) -> Any:
     """Raises ValueError where it is neither an axis nor a table of them."""
     for where, axis in value.items() if isinstance(value, dict) else [("", value)]:
-        if axis not in UP_AXES:
+        if axis not in get_args(UpChoice):
             beside = "" if where else ", or a table of class or shape → axis"
             place = f"up.{where}" if where else "up"
-            raise ValueError(f"{place}: expected one of {', '.join(UP_AXES)}{beside}, got {axis!r}; mend the value")
+            raise ValueError(
+                f"{place}: expected one of {', '.join(get_args(UpChoice))}{beside}, got {axis!r}; mend the value"
+            )
     return value
 
 
-Up = Annotated[UpAxis | dict[str, UpAxis], BeforeValidator(_checked)]
+Up = Annotated[UpChoice | dict[str, UpChoice], BeforeValidator(_checked)]
 """An axis for all shapes, or a table: a class, a shape (`<class>/<id>`), or a pattern of shapes (`chair/old-*`, `*`) →
 axis; what is nowhere in it has `y`."""
 
 
-def axes_of(up: UpAxis | Mapping[str, UpAxis], shapes: Collection[tuple[str, str]]) -> dict[tuple[str, str], UpAxis]:
-    """The axis of each shape (class, id). The most specific key that fits wins: a shape's name, then the pattern with
-    most letters of its own; a class stands for the pattern `<class>/*`.
+def axes_of(
+    up: UpChoice | Mapping[str, UpChoice], shapes: Collection[tuple[str, str]]
+) -> dict[tuple[str, str], UpChoice]:
+    """The choice for each shape (class, id). The most specific key that fits wins: a shape's name, then the pattern
+    with most letters of its own; a class stands for the pattern `<class>/*`.
 
     Raises ValueError: a key that fits no shape; two keys that are as specific and disagree about a shape.
     """
     if isinstance(up, str):
         return dict.fromkeys(shapes, up)
-    found: dict[tuple[str, str], UpAxis] = {}
+    found: dict[tuple[str, str], UpChoice] = {}
     used: set[str] = set()
     for category, one in shapes:
         fitting = [(_specific(key, category, one), key) for key in up if _fits(key, category, one)]

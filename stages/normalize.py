@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from b23d.pipeline.stage import Hints, stage
+from b23d.schemas.orientation import Orientation
 from b23d.schemas.params import Params, When
 from b23d.schemas.shape import NormalizedShape, Source, turned
 from b23d.schemas.up_axis import UpAxis, to_y_up
@@ -58,8 +59,9 @@ class NormalizeParams(Params):
 
 
 @stage(version=3, hints=Hints(memory_gb=0.5))
-def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
-    """Read, set upright (the source's `up` axis becomes +y), clean, move to the unit frame, and choose candidates.
+def normalize(source: Source, params: NormalizeParams, orient: Orientation | None = None) -> NormalizedShape:
+    """Read, set upright (the source's `up` axis, or the one that `orient` found, becomes +y), clean, move to the unit
+    frame, and choose candidates.
 
     The frame is the box of the vertices that clean faces use (of the cloud's points where there is no mesh). Vertices
     keep the file's number and order. Faces with a non-finite, repeated or collinear corner, and faces that cover the
@@ -89,17 +91,17 @@ def normalize(source: Source, params: NormalizeParams) -> NormalizedShape:
     )
     if isinstance(mesh, Cloud):  # a mesh format that holds points only
         mesh, cloud = None, cloud or mesh
-    turn = _turn(source.shape, params)
+    turn, up = _turn(source.shape, params), source.up or (orient.axis if orient is not None else "y")
     if cloud is not None:
         cloud = _finite(source.shape, cloud, params)
-        cloud = replace(cloud, points=_turned(cloud.points, source.up, turn))
+        cloud = replace(cloud, points=_turned(cloud.points, up, turn))
     if mesh is not None:
-        vertices = _turned(mesh.vertices, source.up, turn)
+        vertices = _turned(mesh.vertices, up, turn)
         made = _mesh(source.shape, replace(mesh, vertices=vertices), cloud, params)
     else:
         assert cloud is not None
         made = _cloud(source.shape, cloud, params)
-    return made.model_copy(update={"turn": turn, "up": source.up})
+    return made.model_copy(update={"turn": turn, "up": up})
 
 
 def _turn(shape: str, params: NormalizeParams) -> float:
