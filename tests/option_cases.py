@@ -19,6 +19,7 @@ from b23d.schemas.external import External
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape, Source
 from b23d.schemas.views import Views
+from b23d.stages.datasets.procedural import Procedural
 from tests import test_geodesic, test_optimize, test_posterior, test_reweight, test_score, test_transfer
 from tests.made_features import cloud, labelled
 from tests.made_shapes import ROUGH, xyz
@@ -229,6 +230,19 @@ def solved_on_few(params: Any) -> Artifact:
     return made
 
 
+def stood(params: Any) -> Artifact:
+    shapes = Procedural(kind="procedural", classes=["chair"], count=2).shapes()
+    sources, keypoints = ([shape.leaves[leaf].read() for shape in shapes] for leaf in ("source", "keypoints"))
+    made: Artifact = stage("stand").function(sources, keypoints, params)
+    return made
+
+
+def oriented(params: Any) -> Artifact:
+    source = Procedural(kind="procedural", classes=["chair"], count=3).shapes()[2].leaves["source"].read()
+    made: Artifact = stage("orient").function(source, stood(stage("stand").params(count=128)), params)
+    return made
+
+
 MAKE: dict[str, Make] = {
     "annotation": annotation_checked,
     "apply_head": lambda params: head(stage("train_head").params(steps=20, absent="never"), params),
@@ -242,10 +256,12 @@ MAKE: dict[str, Make] = {
     "learn": taught,
     "normalize": normalized,
     "optimize": solved,
+    "orient": oriented,
     "render": lambda params: stage("render").function(mesh(), params),
     "reweight": lambda params: stage("reweight").function(*test_reweight.random_case(7), params),
     "score": scored,
     "score_parts": part_scored,
+    "stand": stood,
     "train_head": lambda params: stage("train_head").function(*columns(), params),
     "transfer": transferred,
 }

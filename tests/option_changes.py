@@ -210,6 +210,7 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
         ),
         "hungarian.assignment": ({"method": "hungarian"}, "sorted"),
     },
+    "orient": {"count": ({}, 128), "turns": ({}, 5), "weight": ({}, 1.0)},
     "render": {
         "layout": (SMALL | {"fibonacci.views": 6}, "fibonacci"),
         "rings.count": (SMALL, 2),
@@ -243,6 +244,7 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
         "neighbors": ({}, 1),
     },
     "score_parts": {"absent": ({}, "skip")},
+    "stand": {"count": ({}, 64)},
     "train_head": {
         "features": (SHORT, "raw"),
         "context": (SHORT, 0.0),

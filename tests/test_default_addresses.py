@@ -35,7 +35,7 @@ CHANGED = {
     "train_head": "`hidden` and its `seed` moved into the table of the detector with a hidden layer",
 }
 """Stage → why its address at the defaults is another than before."""
-NEW = {"annotation", "learn"}
+NEW = {"annotation", "learn", "orient", "stand"}
 """Stages that were not there before."""
 
 

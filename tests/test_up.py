@@ -12,9 +12,12 @@ import trimesh
 
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.run import Run
-from b23d.schemas.shape import NormalizedShape, Source
+from b23d.schemas.shape import NormalizedShape, Source, turned
 from b23d.schemas.up_axis import UP_AXES, UpAxis, axes_of, to_y_up
+from b23d.stages.datasets.procedural import generated
+from b23d.stages.geometry.upright import Stance
 from b23d.stages.normalize import NormalizeParams, normalize
+from b23d.stages.orienting.examples import Example, standing
 from b23d.stages.workbench.annotate.geometry import Pickable
 from tests.made_shapes import ROUGH, obj, xyz
 from tests.small_runs import b23d, make_boxes
@@ -176,3 +179,96 @@ def test_a_z_up_folder_gives_the_keypoints_of_the_y_up_one_in_its_own_frame(tmp_
     plain, tipped = (table[["x", "y", "z"]].to_numpy() for table in tables)
     np.testing.assert_allclose(tipped, toppled(plain, "z"), atol=1e-5)
     assert tables[0]["id"].tolist() == tables[1]["id"].tolist()
+
+
+def chairs(folder: Path, ups: list[UpAxis], annotated: bool = True) -> Path:
+    """A folder of chairs, each turned and then toppled onto its own axis, and its run file."""
+    rng = np.random.default_rng(0)
+    (folder / "all" / "chair").mkdir(parents=True)
+    entries = []
+    for i, up in enumerate(ups):
+        built = generated("chair", 0, i)
+        motion = turned(float(rng.uniform(0, 360))).T @ to_y_up(up)
+        trimesh.Trimesh(built.vertices @ motion, built.faces, process=False).export(folder / "all/chair" / f"{i}.ply")
+        places = built.keypoints @ motion
+        listed = [
+            {"xyz": at, "semantic_id": k} for k, at in zip(built.keypoint_ids.tolist(), places.tolist(), strict=True)
+        ]
+        entries.append({"model_id": str(i), "keypoints": listed})
+    if annotated:
+        (folder / "all" / "keypoints.json").write_text(json.dumps(entries))
+    path = folder / "all.toml"
+    head = (
+        f'name = "all"\noutputs = ["normalize"]\n[shots]\ncount = 3\ndraws = [0, 1]\n[store]\nroot = "{folder}/store"\n'
+    )
+    path.write_text(f'{head}[dataset]\nkind = "folder"\nroot = "all"\nup = "auto"\n')
+    return path
+
+
+UPS: list[UpAxis] = ["y", "z", "-x", "-y", "-z", "x", "z"]
+
+
+def test_toppled_shapes_are_set_upright_by_what_the_examples_say(tmp_path: Path) -> None:
+    path = chairs(tmp_path, UPS)
+    run = Run.load(path)
+    plan = run.plan()
+    assert len({n.recipe for n in plan.nodes.values() if n.stage == "stand"}) == 1, "once a class, whatever the draw"
+    assert run.execute(workers=0).ok
+    for i, up in enumerate(UPS):
+        shape = run.artifact(f"chair/{i}", "normalize")
+        assert shape.up == up == run.artifact(f"chair/{i}", "orient").axis
+        file = trimesh.load(tmp_path / "all/chair" / f"{i}.ply", process=False).vertices
+        np.testing.assert_allclose(shape.to_source(shape.vertices.astype(float)), file, atol=1e-5)
+
+
+def test_what_one_example_declares_goes_for_all(tmp_path: Path) -> None:
+    path = chairs(tmp_path, ["y", "y", "z", "y"])
+    declared = 'dataset.up={"*" = "auto", "chair/0" = "-y", "chair/1" = "-y"}'
+    run = Run.load(path, ["shots.ids.chair=['0', '1', '2']", declared])
+    assert run.execute(workers=0).ok
+    assert run.artifact("chair/0", "stand").by == "declared"
+    assert [run.artifact(f"chair/{i}", "normalize").up for i in range(4)] == ["-y", "-y", "-z", "-y"]
+
+
+def test_the_decision_counts_and_not_how_it_came_about(tmp_path: Path) -> None:
+    path = chairs(tmp_path, ["y", "z", "y", "-y", "y"])
+    outputs = 'outputs=["geodesic"]'
+    assert Run.load(path, [outputs]).execute(workers=0).ok
+    report = Run.load(path, [outputs, "stages.orient.turns=36"]).execute(workers=0)
+    assert {outcome.stage for outcome in report.done} == {"orient", "normalize"}, "nothing below is made again"
+
+
+def test_without_annotations_undersides_say_it_and_that_is_told(tmp_path: Path) -> None:
+    run = Run.load(chairs(tmp_path, ["z", "z"], annotated=False))
+    report = run.execute(workers=0)
+    assert report.ok and len(report.warnings) == 2
+    assert all("no shape of its class is annotated" in line for line in report.warnings)
+
+
+def test_a_run_that_is_not_auto_has_no_stage_more(boxes: Path) -> None:
+    assert {"orient", "stand"}.isdisjoint(Run.load(boxes).config.stages)
+    auto = Run.load(boxes, ['dataset.up={"box/b1" = "auto"}'])
+    plan, plain = auto.plan(), Run.load(boxes).plan()
+    changed = {
+        n
+        for s, n, _ in plan.by_shape
+        if s == "normalize" and plan.by_shape[s, n, None].recipe != plain.by_shape[s, n, None].recipe
+    }
+    assert changed == {"box/b1"} and {n for s, n, _ in plan.by_shape if s == "orient"} == {"box/b1"}
+
+
+@pytest.mark.parametrize("reference", UP_AXES)
+def test_examples_are_set_on_each_other_by_their_keypoints(reference: UpAxis) -> None:
+    rng = np.random.default_rng(1)
+    places = rng.normal(size=(7, 3)) * (0.2, 0.5, 0.3)
+    ups: list[UpAxis] = [reference, "z", "-x", "-y"]
+    motions = [turned(float(angle)).T @ to_y_up(up) for angle, up in zip(rng.uniform(0, 360, 4), ups, strict=True)]
+    stood = Stance(reference, True)
+    examples = [
+        Example(places @ m, np.arange(7), places @ m, stood if i == 0 else None, None) for i, m in enumerate(motions)
+    ]
+    found = standing(examples)
+    assert found.axes == ups and found.by == "undersides"
+    first, *others = (e.keypoints @ r.T for e, r in zip(examples, found.rotations, strict=True))
+    for other in others:
+        np.testing.assert_allclose(other, first, atol=1e-9)
