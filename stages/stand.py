@@ -15,7 +15,7 @@ from b23d.schemas.params import Params
 from b23d.schemas.shape import Source
 
 if TYPE_CHECKING:
-    from b23d.stages.orienting.examples import Example
+    from b23d.stages.orienting.examples import ExampleShape
 
 OFF = 0.1
 """An example with a keypoint farther than this from its surface, in longest sides, is left out: `annotation` tells."""
@@ -36,7 +36,7 @@ def stand(example_source: list[Source], example_keypoints: list[Keypoints], para
     """
     from b23d.stages.orienting.examples import standing
 
-    found: list[tuple[str, Example]] = []
+    found: list[tuple[str, ExampleShape]] = []
     errors = []
     for source, keypoints in zip(example_source, example_keypoints, strict=True):
         try:
@@ -60,10 +60,10 @@ def stand(example_source: list[Source], example_keypoints: list[Keypoints], para
     )
 
 
-def _example(source: Source, keypoints: Keypoints, count: int) -> Example:
+def _example(source: Source, keypoints: Keypoints, count: int) -> ExampleShape:
     from b23d.stages.geometry.upright import stance
     from b23d.stages.normalize import NormalizeParams, normalize
-    from b23d.stages.orienting.examples import Example
+    from b23d.stages.orienting.examples import ExampleShape
     from b23d.stages.solvers.posterior.geometry import squared
 
     as_it_is = source.model_copy(update={"up": "y"})
@@ -73,7 +73,7 @@ def _example(source: Source, keypoints: Keypoints, count: int) -> Example:
     if off > OFF:
         raise ValueError(f"{source.shape}: expected keypoints on its surface, got one {off:.2g} of its size away")
     stood = stance(shape.vertices, shape.faces) if shape.kind == "mesh" else None
-    return Example(points, keypoints.ids, places, stood, source.up)
+    return ExampleShape(points, keypoints.ids, places, stood, source.up)
 
 
 def _warnings(category: str, by: str) -> list[str]:

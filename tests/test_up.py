@@ -17,7 +17,7 @@ from b23d.schemas.up_axis import UP_AXES, UpAxis, axes_of, to_y_up
 from b23d.stages.datasets.procedural import generated
 from b23d.stages.geometry.upright import Stance
 from b23d.stages.normalize import NormalizeParams, normalize
-from b23d.stages.orienting.examples import Example, standing
+from b23d.stages.orienting.examples import ExampleShape, standing
 from b23d.stages.workbench.annotate.geometry import Pickable
 from tests.made_shapes import ROUGH, obj, xyz
 from tests.small_runs import b23d, make_boxes
@@ -265,7 +265,8 @@ def test_examples_are_set_on_each_other_by_their_keypoints(reference: UpAxis) ->
     motions = [turned(float(angle)).T @ to_y_up(up) for angle, up in zip(rng.uniform(0, 360, 4), ups, strict=True)]
     stood = Stance(reference, True)
     examples = [
-        Example(places @ m, np.arange(7), places @ m, stood if i == 0 else None, None) for i, m in enumerate(motions)
+        ExampleShape(places @ m, np.arange(7), places @ m, stood if i == 0 else None, None)
+        for i, m in enumerate(motions)
     ]
     found = standing(examples)
     assert found.axes == ups and found.by == "undersides"

@@ -24,7 +24,7 @@ AS_IT_IS = 0.5
 
 
 @dataclass(frozen=True)
-class Example:
+class ExampleShape:
     """One annotated shape as its file stands, in its unit frame."""
 
     points: np.ndarray
@@ -47,7 +47,7 @@ class Standing:
     """`declared`, `undersides` or `as they are`."""
 
 
-def standing(examples: list[Example]) -> Standing:
+def standing(examples: list[ExampleShape]) -> Standing:
     """Every example upright in one frame. Of all axes that the reference may have, the one that fits best what is
     declared, and else how well the others can be turned onto it and how they stand on flat undersides; at least one
     example."""
@@ -72,7 +72,7 @@ def standing(examples: list[Example]) -> Standing:
     return best[1]
 
 
-def _middle(examples: list[Example]) -> int:
+def _middle(examples: list[ExampleShape]) -> int:
     """The example that shares most keypoints with the others."""
     shared = [sum(len(np.intersect1d(a.ids, b.ids)) for b in examples) for a in examples]
     return int(np.argmax(shared))
@@ -94,7 +94,7 @@ class _Onto:
     """Summed square distance of the keypoints that both have."""
 
 
-def _onto(example: Example, reference: Example, upright: np.ndarray) -> _Onto:
+def _onto(example: ExampleShape, reference: ExampleShape, upright: np.ndarray) -> _Onto:
     """The example on the reference, which `upright` (3, 3) sets upright: Procrustes among the six axes, each with its
     best turn."""
     _, own, other = np.intersect1d(example.ids, reference.ids, return_indices=True)
