@@ -19,6 +19,7 @@ from b23d.stages.geometry.upright import Stance
 from b23d.stages.normalize import NormalizeParams, normalize
 from b23d.stages.orienting.examples import ExampleShape, standing
 from b23d.stages.workbench.annotate.geometry import Pickable
+from b23d.stages.workbench.pictures.frames import original
 from tests.made_shapes import ROUGH, obj, xyz
 from tests.small_runs import b23d, make_boxes
 
@@ -217,6 +218,8 @@ def test_toppled_shapes_are_set_upright_by_what_the_examples_say(tmp_path: Path)
     for i, up in enumerate(UPS):
         shape = run.artifact(f"chair/{i}", "normalize")
         assert shape.up == up == run.artifact(f"chair/{i}", "orient").axis
+        replaced = shape.model_copy(update={"repairs": {"watertight_faces": 1}})
+        np.testing.assert_array_equal(original(run, f"chair/{i}", replaced).vertices, shape.vertices)
         file = trimesh.load(tmp_path / "all/chair" / f"{i}.ply", process=False).vertices
         np.testing.assert_allclose(shape.to_source(shape.vertices.astype(float)), file, atol=1e-5)
 

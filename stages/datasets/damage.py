@@ -122,7 +122,7 @@ def load_source(load: Load, files: dict[str, bytes], values: dict[str, Any]) -> 
 
     source: Source = load(files, {**values["of"], **values.get("context", {})})
     scan = damaged_scan(clean_scan(source, values["damage"]), values["damage"])
-    upright = to_y_up(source.up)
+    upright = to_y_up(source.up or "y")
     if not len(scan.vertices):
         raise ValueError(
             f"{source.shape}: expected something to be left of it, got nothing; choose another dataset.damage.amount"
@@ -139,7 +139,7 @@ def load_keypoints(load: Load, load_clean: Load, files: dict[str, bytes], values
     told = values["damage"]
     found: Keypoints = load(_below("keypoints", files), {**values["of"], **values.get("context", {})})
     source = _clean_source(load_clean, files, values)
-    upright, kept = to_y_up(source.up), np.ones(len(found.ids), bool)
+    upright, kept = to_y_up(source.up or "y"), np.ones(len(found.ids), bool)
     positions = found.positions @ upright.T
     if told["kind"] in REMOVING:
         scan = clean_scan(source, told)
@@ -184,7 +184,7 @@ def clean_scan(source: Source, told: dict[str, Any]) -> Scan:
     faces = loaded.faces if isinstance(loaded, Surface) else np.zeros((0, 3), np.int64)
     if not finite_rows(vertices).any():
         raise ValueError(f"{source.shape}: expected finite coordinates, got none; mend or remove its file")
-    scan = Scan(fill_gaps(vertices) @ to_y_up(source.up).T, faces.astype(np.int64))
+    scan = Scan(fill_gaps(vertices) @ to_y_up(source.up or "y").T, faces.astype(np.int64))
     scan = scan.of(np.arange(len(scan.places())))
     if not told["points"] or not len(scan.faces):
         return scan

@@ -26,7 +26,8 @@ def original(run: Run, shape: str, normalized: NormalizedShape) -> NormalizedSha
     source = leaf.read()
     params = run.config.params["normalize"]
     assert isinstance(source, Source) and isinstance(params, NormalizeParams)
-    return normalize(source, params.model_copy(update={"watertight": False, "candidates": "fps", "count": 1}))
+    stands = source.model_copy(update={"up": normalized.up})  # found, where the run file leaves it to be found
+    return normalize(stands, params.model_copy(update={"watertight": False, "candidates": "fps", "count": 1}))
 
 
 def shape_part(shape: NormalizedShape) -> SceneObject:
