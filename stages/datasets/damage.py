@@ -161,7 +161,7 @@ def load_parts(load: Load, load_clean: Load, files: dict[str, bytes], values: di
 
     told = values["damage"]
     found: Parts = load(_below("parts", files), {**values["of"], **values.get("context", {})})
-    upright = to_y_up(_clean_source(load_clean, files, values).up)
+    upright = to_y_up(_clean_source(load_clean, files, values).up or "y")
     return found.model_copy(
         update={"points": posed(found.points @ upright.T, told["kind"], told.get("amount", 0.0)) @ upright}
     )
