@@ -23,10 +23,9 @@ class Prediction(Artifact):
     costs: Annotated[np.ndarray, ArraySpec("k", "float32", unit="objective; lower is better")]
     """Each keypoint's share of the objective."""
     confidence: Annotated[np.ndarray, ArraySpec("k", "float32", unit="0 … 1")] | None = None
-    """How sure the method is of each place, needing no annotation: the posterior's expected hit, a head's probability.
-
-    None for methods that give none. Comparable between shapes of one run, not between methods.
-    """
+    """Needing no annotation. Of the posterior method: the probability that the target has the keypoint, and has it
+    within .05 of this place along the surface (longest side 1), by a map that shots held out of the others' model have
+    helped to fit. Of a trained head: its probability. None for methods that give none."""
     objective: float
     """Value reached of the method's objective L_feature + α L_distance, comparable between methods on equal inputs."""
     method: str

@@ -65,6 +65,15 @@ class ShotModel(Artifact):
     mean_features: Annotated[np.ndarray, ArraySpec("shot channel", "float32")]
     """Of each shot's observed points, as extracted."""
 
+    held_out_sure: Annotated[np.ndarray, ArraySpec("shot k", "float32", unit="0 … 1")]
+    """How sure the other shots are of each id on each held-out shot: their posterior's mass around the point that they
+    choose. NaN on shots that were not held out, and for ids that no other shot has."""
+    held_out_near: Annotated[np.ndarray, ArraySpec("shot k", "bool")]
+    """Whether the shot has the id, and it is within .05 of that point along the surface (longest sides of the box)."""
+    sureness: tuple[float, float]
+    """Offset and slope of the map, on log-odds, from such mass to the probability of being so near: that of development
+    classes, moved by what was held out."""
+
     basis: Annotated[np.ndarray, ArraySpec("channel component", "float32")]
     """Principal directions of the shots' features."""
     mean: Annotated[np.ndarray, ArraySpec("descriptor", "float32")]

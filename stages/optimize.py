@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from b23d.stages.solvers.options import Adam, Discrete, Softmax
 
 
-@stage(version=4, hints=Hints(memory_gb=0.5))
+@stage(version=5, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,
@@ -36,6 +36,7 @@ def optimize(
     Raises ValueError: features of another encoder than the shots'; features or distances that do not fit the candidates
     or are not finite.
     """
+    from b23d.stages.solvers.calibration import LogisticMap
     from b23d.stages.solvers.objective import objective, shares
     from b23d.stages.solvers.posing import check_channels, pose
     from b23d.stages.solvers.posterior.finding import find
@@ -57,7 +58,7 @@ def optimize(
         if learn.feature_scale != "centred-unit":
             features = scale_features(reweight.features, "centred-unit", reweight.observed)
         found = find(normalize.points, features, distances, learn, weights, params.posterior)
-        choice, confidence = found.points, found.hits.astype(np.float32)
+        choice, confidence = found.points, LogisticMap(*learn.sureness)(found.mass).astype(np.float32)
         present = found.present if params.presence == "evidence" else present
     else:
         choice = _solve(problem, params)

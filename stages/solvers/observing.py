@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
+from b23d.stages.solvers.calibration import NEARNESS, SHARE, fitted
 from b23d.stages.solvers.learn_options import LearnParams, Templates
 from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, occupancy, prepare
+from b23d.stages.solvers.posterior.holding_out import folds, held_out
 from b23d.stages.solvers.posterior.learning import basis_of, deformation_covariance, frame_gate
 from b23d.stages.solvers.posterior.turning import aligned
 from b23d.stages.solvers.posterior.weighing import weighed
@@ -89,25 +91,36 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "mask": params.template.mask,
         "descriptor": shots[0].features.descriptor,
     }
-    return _summed_up(observed)
+    return _summed_up(observed, prepared)
 
 
-def _summed_up(observed: dict[str, Any]) -> ShotModel:
-    """With what the observations come to where every shot counts alike: for people to look at."""
-    k, d = observed["has"].shape[1], len(observed["mean"])
+def _summed_up(observed: dict[str, Any], shots: Sequence[Prepared]) -> ShotModel:
+    """With what the observations come to where every shot counts alike, for people to look at, and with what they say
+    of each other."""
+    (s, k), d = observed["has"].shape, len(observed["mean"])
     nothing = {
+        "held_out_sure": np.full((s, k), np.nan, np.float32),
+        "held_out_near": np.zeros((s, k), bool),
+        "sureness": (0.0, 1.0),
         "keypoint": np.zeros(d, np.float32),
         "identity": np.zeros((k, d), np.float32),
         "mean_places": np.zeros((k, 3), np.float32),
         "mean_distances": np.zeros((k, k), np.float32),
     }
-    all_alike = weighed(ShotModel(**observed, **nothing), np.ones(len(observed["shots"])))
+    model = ShotModel(**observed, **nothing)
+    all_alike = weighed(model, np.ones(s))
+    sure, near = held_out(model, shots, folds(model.has))
+    said = np.isfinite(sure)
+    sureness = fitted(sure[said], near[said], NEARNESS, weight=SHARE)
     return ShotModel(
         **observed,
         keypoint=all_alike.keypoint.astype(np.float32),
         identity=all_alike.identity.astype(np.float32),
         mean_places=all_alike.places.astype(np.float32),
         mean_distances=all_alike.distances.astype(np.float32),
+        held_out_sure=sure,
+        held_out_near=near,
+        sureness=(sureness.offset, sureness.slope),
     )
 
 

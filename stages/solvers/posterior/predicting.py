@@ -12,6 +12,7 @@ from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, descripto
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.weighing import Weighed
 
+NEAR = 0.05  # a keypoint is found that is no farther off along the surface, in longest box sides
 NEGLIGIBLE = 1e-9  # a candidate less probable than this for every keypoint adds nothing to expected hits
 
 
@@ -23,6 +24,8 @@ class Found:
     """(k,) candidates."""
     hits: np.ndarray
     """(k,) expected hit at the chosen point, 0 … 1: certain of it within the hit radius."""
+    mass: np.ndarray
+    """(k,) posterior of the candidates within `NEAR` of the chosen point along the surface, 0 … 1."""
     present: npt.NDArray[np.bool_]
     """(k,) by the evidence of groups of ids that the same shots have."""
 
@@ -34,7 +37,9 @@ def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Foun
     expected = posterior[:, likely].astype(np.float32) @ nearness
     points = expected.argmax(1)
     hits = expected[np.arange(len(points)), points]
-    return Found(points, hits, judged_present(learned, hits, params.present))
+    around = target.distances[points] * np.float32(target.diameter) <= NEAR
+    mass = (posterior * around).sum(1)
+    return Found(points, hits, mass, judged_present(learned, hits, params.present))
 
 
 def unary_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
