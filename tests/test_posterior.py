@@ -215,9 +215,11 @@ def test_what_shots_and_target_show_is_present(presence: str) -> None:
 
 
 def test_confidence_is_that_of_the_place() -> None:
-    """A shot found on itself is surer than a class member; other methods claim none."""
+    """A shot found on itself is surer than what looks like nothing; other methods claim none."""
     shots = [box_cloud(0), box_cloud(1), box_cloud(2)]
-    itself, other = run(shots[0], shots), run(box_cloud(3), shots)
+    shape, described, *rest = box_cloud(3)
+    noise = np.random.default_rng(0).normal(0, 1, described.features.shape).astype(np.float16)
+    itself, other = run(shots[0], shots), run((shape, described.model_copy(update={"features": noise}), *rest), shots)  # type: ignore[arg-type]
     for found in (itself, other):
         assert found.confidence is not None and (found.confidence >= 0).all() and (found.confidence <= 1 + 1e-5).all()
     assert itself.confidence is not None and other.confidence is not None
