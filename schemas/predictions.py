@@ -26,6 +26,9 @@ class Prediction(Artifact):
     """Needing no annotation. Of the posterior method: the probability that the target has the keypoint, and has it
     within .05 of this place along the surface (longest side 1), by a map that shots held out of the others' model have
     helped to fit. Of a trained head: its probability. None for methods that give none."""
+    class_confidence: float | None = None
+    """Probability that the target is of the shots' class, by what it looks like as a whole and where it has surface;
+    None where a single shot cannot tell, and from stages that do not judge it."""
     objective: float
     """Value reached of the method's objective L_feature + α L_distance, comparable between methods on equal inputs."""
     method: str

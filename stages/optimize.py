@@ -36,12 +36,14 @@ def optimize(
     Raises ValueError: features of another encoder than the shots'; features or distances that do not fit the candidates
     or are not finite.
     """
+    from b23d.stages.solvers.belonging import class_confidence
     from b23d.stages.solvers.calibration import LogisticMap
     from b23d.stages.solvers.objective import objective, shares
     from b23d.stages.solvers.posing import check_channels, pose
     from b23d.stages.solvers.posterior.finding import find
+    from b23d.stages.solvers.posterior.geometry import in_box, occupancy
     from b23d.stages.solvers.presence import presence
-    from b23d.stages.solvers.retrieval import weights_of
+    from b23d.stages.solvers.retrieval import mean_feature, weights_of
     from b23d.stages.solvers.scaling import relative_distances, scale_features
     from b23d.stages.solvers.shots import check_fit
     from b23d.stages.solvers.template import template_of
@@ -71,6 +73,7 @@ def optimize(
         present=present,
         costs=costs.astype(np.float32),
         confidence=confidence,
+        class_confidence=class_confidence(learn, mean_feature(reweight), occupancy(in_box(normalize.points)[0])),
         objective=float(objective(chosen, each)),
         method=params.method,
         shots=template.shots,

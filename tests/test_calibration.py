@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from b23d.stages.scoring.reliability import auroc, reliability
+from b23d.stages.scoring.reliability import reliability
+from b23d.stages.solvers.belonging import class_confidence
 from b23d.stages.solvers.calibration import NEARNESS, LogisticMap, fitted, log_odds
 from b23d.stages.solvers.posterior.holding_out import FOLDS, folds
 from tests.test_posterior import box_cloud, run, taught
@@ -68,13 +69,6 @@ def test_log_odds_are_finite_and_ascend() -> None:
     assert np.isfinite(odds).all() and (np.diff(odds) > 0).all() and odds[5] == pytest.approx(0)
 
 
-def test_auroc_is_the_share_of_pairs_in_the_right_order() -> None:
-    scores, positive = RANDOM.integers(0, 5, 60).astype(float), RANDOM.random(60) < 0.4
-    pairs = [(a > b) + (a == b) / 2 for a in scores[positive] for b in scores[~positive]]
-    assert auroc(scores, positive) == pytest.approx(np.mean(pairs))
-    assert np.isnan(auroc(scores, np.ones(60, bool)))
-
-
 @pytest.mark.parametrize(("shots", "held"), [(1, 0), (2, 2), (5, 5), (40, FOLDS)])
 def test_what_is_held_out_does_not_grow_with_the_shots(shots: int, held: int) -> None:
     found = folds(np.ones((shots, 3), bool))
@@ -105,3 +99,39 @@ def test_labels_that_are_noise_are_trusted_less() -> None:
         )
     sure, unsure = (run(box_cloud(7), shots).confidence for shots in (good, bad))
     assert sure is not None and unsure is not None and sure.mean() > unsure.mean() + 0.2
+
+
+def sure_of_class(of: int, channels: int = 16) -> list[float]:
+    """By shots of one look, of shapes of that look and of others."""
+    looks = np.random.default_rng(of).normal(size=(6, channels))
+    cell = np.random.default_rng(of).random((6, 1000)) < 0.05
+
+    def shape(look: int, i: int) -> tuple[np.ndarray, np.ndarray]:
+        random = np.random.default_rng(100 * look + i)
+        surface = (cell[look] ^ (random.random(1000) < 0.005)).astype(np.float32)
+        return (looks[look] + random.normal(0, 0.1, channels)).astype(np.float32), surface / surface.sum()
+
+    shots = [shape(0, i) for i in range(3)]
+    model = taught([box_cloud(i) for i in range(3)]).model_copy(
+        update={"mean_features": np.stack([s[0] for s in shots]), "occupancy": np.stack([s[1] for s in shots])}
+    )
+    found = [class_confidence(model, *shape(look, 9)) for look in range(6)]
+    return [one for one in found if one is not None]
+
+
+@pytest.mark.parametrize("of", [0, 1, 2])
+def test_a_stranger_among_a_class_is_told_from_its_members(of: int) -> None:
+    member, *strangers = sure_of_class(of)
+    assert member > 0.5 > max(strangers) and len(strangers) == 5
+
+
+def test_a_shape_of_the_class_is_one_and_one_shot_cannot_tell() -> None:
+    shots = [box_cloud(i) for i in range(3)]
+    assert (run(shots[1], shots).class_confidence or 0) > 0.9, "a shot itself"
+    assert run(box_cloud(7), shots[:1]).class_confidence is None
+    shape, described, *rest = box_cloud(7)
+    other = described.model_copy(update={"features": (3 - 4 * described.features).astype(np.float16)})
+    longer = shape.model_copy(update={"points": shape.points * np.float32([1, 3, 0.2])})
+    strange = run((longer, other, *rest), shots, method="nearest").class_confidence  # type: ignore[arg-type]
+    member = run(box_cloud(7), shots, method="nearest").class_confidence
+    assert strange is not None and member is not None and strange < member

@@ -41,15 +41,3 @@ def reliability(confidence: np.ndarray, right: np.ndarray) -> Reliability | None
     kept = counts > 0
     said, true = (np.bincount(bins, values, BINS)[kept] / counts[kept] for values in (sure, np.asarray(right, float)))
     return Reliability(counts[kept], said, true)
-
-
-def auroc(scores: np.ndarray, positive: np.ndarray) -> float:
-    """Probability that a positive has a larger score than a negative, ties half: area under the receiver operating
-    characteristic. NaN where there is none of a kind."""
-    from scipy.stats import rankdata
-
-    positive = np.asarray(positive, bool)
-    many, few = int(positive.sum()), int((~positive).sum())
-    if not many or not few:
-        return float("nan")
-    return float((rankdata(scores)[positive].sum() - many * (many + 1) / 2) / (many * few))

@@ -50,10 +50,7 @@ def prepare(
     keypoints: np.ndarray | None = None,
 ) -> Prepared:
     """points (n, 3) in the unit frame, features (n, channel) centred and of unit length."""
-    low, high = points.min(0), points.max(0)
-    scale = float((high - low).max()) or 1.0
-    position = ((points - (low + high) / 2) / scale).astype(np.float32)
-    sides = ((high - low) / scale).astype(np.float32)
+    position, sides, scale = in_box(points)
     shift, local = local_geometry(position, radii)
     eccentricity = distances.relative.mean(1)
     geometry = np.concatenate([local, (eccentricity / max(float(eccentricity.mean()), 1e-12))[:, None]], 1).astype(
@@ -72,6 +69,14 @@ def prepare(
         none if ids is None else ids,
         none if keypoints is None else keypoints,
     )
+
+
+def in_box(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Points (n, 3) float32 of their box, centred and of longest side 1; its sides (3,); and what was its longest."""
+    low, high = points.min(0), points.max(0)
+    scale = float((high - low).max()) or 1.0
+    position = ((points - (low + high) / 2) / scale).astype(np.float32)
+    return position, ((high - low) / scale).astype(np.float32), scale
 
 
 def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

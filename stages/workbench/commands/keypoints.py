@@ -39,7 +39,7 @@ def keypoints(
     store: StoreUrl = None,
 ) -> None:
     """One row a keypoint: class, shape, id, name, x y z in the file's own coordinates, nearest vertex, face and
-    barycentrics, confidence, present."""
+    barycentrics, confidence, present, and how sure its shape is of the class."""
     from b23d.pipeline.inspection import passed_over
     from b23d.stages.workbench.commands.table_files import check_suffix, write_table
     from b23d.stages.workbench.results.keypoints import keypoint_table
@@ -86,6 +86,9 @@ def notes(found: FoundKeypoints, asked: bool) -> list[str]:
             lines.append(f"{category}: draw {_listed(seeds)}; --all-draws adds {_listed(others)}")
     for category, seeds in found.alike.items():
         lines.append(f"{category}: draw {_listed(seeds)} left out: the same shots as a draw before, the same keypoints")
+    if strangers := found.strangers():
+        shown = ", ".join(strangers[:5]) + (f" and {len(strangers) - 5} more" if len(strangers) > 5 else "")
+        lines.append(f"unlike the shots of their class, and perhaps of another (of_class below .5): {shown}")
     if found.waiting:
         lines.append(f"{_count(found.waiting, 'shape')} without a prediction yet: failed, or not run")
     return lines

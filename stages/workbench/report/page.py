@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from b23d.pipeline.plan import Plan
 from b23d.pipeline.run import Run
 from b23d.pipeline.warned import warnings
@@ -16,6 +18,7 @@ from b23d.schemas.runfile import Shots
 from b23d.schemas.scores import ClassScores, ScoreTable
 from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.scoring.quoted import B2_3D, CURVES
+from b23d.stages.scoring.reliability import reliability
 from b23d.stages.workbench.pictures.packing import as_json, packed_plotly
 from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
 from b23d.stages.workbench.results.columns import mean, shown_columns
@@ -48,6 +51,7 @@ def render_page(
     stage_costs = costs(run, plan)
     fields = settings(run)
     columns = shown_columns(rows)
+    judged = [pair for row in rows for pair in row.pop("judged", [])]
     data = {
         "rows": rows,
         "columns": [{"key": c.key, "shown": c.shown, "bar": c.bar} for c in columns],
@@ -67,6 +71,7 @@ def render_page(
         cards=cards(rows, table, stage_costs),
         table=score_lines(table) if table else None,
         paper_source=B2_3D.source,
+        reliability=reliability_lines(judged),
         examples=examples,
         classes=sorted({row["category"] for row in rows}),
         failures=failures,
@@ -145,6 +150,24 @@ def score_lines(table: ScoreTable) -> dict[str, Any]:
     return {"lines": lines, "draws": counted(table.mean.draws, "draw"), "at": at, "protocol": table.protocol}
 
 
+def reliability_lines(judged: list[tuple[float, bool]]) -> dict[str, Any] | None:
+    """The reliability diagram: per bin of confidence what was said, what share was right, and of how many."""
+    found = reliability(np.array([sure for sure, _ in judged]), np.array([right for _, right in judged], bool))
+    if found is None:
+        return None
+    most = found.counts.max()
+    bins = [
+        {"said": f"{said:.2f}", "true": f"{true:.2f}", "count": f"{count:,}"}
+        | {
+            "x": round(200 * said, 1),
+            "y": round(200 * (1 - true), 1),
+            "r": round(2 + 6 * float(count / most) ** 0.5, 1),
+        }
+        for count, said, true in zip(found.counts, found.said, found.true, strict=True)
+    ]
+    return {"bins": bins, "error": _figure(found.error), "count": f"{len(judged):,}"}
+
+
 def cost_lines(stage_costs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Costs as texts, with the share of the largest for the bars."""
     slowest = max((cost["seconds"] for cost in stage_costs), default=0) or 1
@@ -190,6 +213,8 @@ def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -
         "auc": _figure(scores.auc.mean) + (f" ± {_figure(scores.auc.sd)}" if scores.draws > 1 else ""),
         "iou": [_figure(scores.iou.mean[place], 2) for place in places],
         "pck": _figure(scores.pck.mean[places[-1]], 2),
+        "precision": _figure(scores.presence.precision.mean, 2),
+        "recall": _figure(scores.presence.recall.mean, 2),
         "ceiling": _figure(scores.ceiling, 2),
     }
 

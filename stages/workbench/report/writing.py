@@ -24,6 +24,7 @@ from b23d.stages.workbench.report.page import render_page
 from b23d.stages.workbench.results.gathering import Gathering, ShapeResults, failures
 from b23d.stages.workbench.results.matching import iou
 from b23d.stages.workbench.results.rows import row
+from b23d.stages.workbench.results.trust import judged
 
 THUMB, EXAMPLE = 112, 520  # pixels; both are shown at half that
 INLINE = 25  # megabytes of details that a page holds itself, unless told otherwise
@@ -135,7 +136,8 @@ def _publish(
 
 def _row(gathered: Gathering, shape: Shape) -> dict[str, Any]:
     try:
-        return row(gathered.entry(shape))
+        entry = gathered.entry(shape)
+        return {**row(entry), "judged": judged(entry)}
     except B23dError as error:
         return row(ShapeResults(shape, [], errors=[f"report: {error}; {MEND}"]))
 

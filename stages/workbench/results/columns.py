@@ -61,6 +61,14 @@ def confidence_of(attempt: Attempt) -> float | None:
     return float(prediction.confidence[prediction.present].mean())
 
 
+STRANGE = 0.5
+"""A shape that is less probably of its class is flagged."""
+
+
+def _of_class(found: ShapeResults) -> float | None:
+    return mean(attempt.prediction.class_confidence for attempt in found.attempts)
+
+
 def _predicted(found: ShapeResults) -> float | None:
     return mean(int(attempt.prediction.present.sum()) for attempt in found.attempts)
 
@@ -96,6 +104,14 @@ COLUMNS = (
         "confidence",
         "how sure the method is of the keypoints judged present, needing no annotation: mean over keypoints and draws",
         _confidence,
+        "figure2",
+        bar=True,
+    ),
+    Column(
+        "of_class",
+        "of class",
+        "probability that the shape is of the shots' class at all: below .5 it may be a stranger in its folder",
+        _of_class,
         "figure2",
         bar=True,
     ),

@@ -14,6 +14,7 @@ from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.names import keypoint_names
+from b23d.stages.workbench.results.columns import STRANGE
 from b23d.stages.workbench.results.placing import Placer
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ COLUMNS = {
     "b2": "float64",
     "confidence": "float64",
     "present": "boolean",
+    "of_class": "float64",
 }
 """In this order; `draw` stands behind `shape` where the rows are of several draws."""
 
@@ -52,6 +54,12 @@ class FoundKeypoints:
     waiting: int
     """Shapes that were chosen and have no prediction yet."""
 
+    def strangers(self) -> list[str]:
+        """Names of shapes that are more probably not of their class, by the mean over draws."""
+        known = self.table.dropna(subset="of_class")
+        sure = known.groupby(["class", "shape"], sort=False)["of_class"].mean()
+        return [f"{category}/{shape}" for category, shape in sure.index[sure < STRANGE]]
+
 
 def keypoint_table(
     run: Run,
@@ -68,6 +76,7 @@ def keypoint_table(
     counted from 0 among the file's triangles, polygons cut into theirs in place. Both are absent (NA) where the
     surface is not the file's (`stages.normalize.watertight`), faces for clouds as well.
     confidence: 0 … 1, NA where the method has none. present: False where the id is judged absent from this shape.
+    of_class: the probability that the shape is of its shots' class at all, the same in all its rows; NA where untold.
 
     Raises SelectionError where `selection` names what is not there.
     """
@@ -140,6 +149,7 @@ def _rows(shape: Shape, found: Prediction, placer: Placer, names: dict[int, str]
             **place.columns(),
             "confidence": None if confidence is None else float(confidence[i]),
             "present": bool(found.present[i]),
+            "of_class": found.class_confidence,
         }
         for i, (number, place) in enumerate(zip(found.ids.tolist(), places, strict=True))
     ]
