@@ -42,6 +42,7 @@ WAYS: dict[str, tuple[list[str], dict[str, str], list[str]]] = {
     "hks": (["backproject"], {"backproject": "describe"}, ["stages.describe.descriptor=hks"]),
     "shot": (["backproject"], {"backproject": "describe"}, ["stages.describe.descriptor=shot"]),
     "farthest": (["optimize"], {"optimize": "detect"}, []),
+    "auto": (["normalize"], {}, ["dataset.up=auto"]),
     "head": (["optimize"], {"optimize": "apply_head"}, []),
 }
 """Way → outputs, feeds, overrides."""
