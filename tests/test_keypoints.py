@@ -12,7 +12,8 @@ import trimesh
 
 from b23d.pipeline.run import Run
 from b23d.pipeline.selection import Selection
-from b23d.stages.workbench.results.keypoints import keypoint_table
+from b23d.stages.workbench.commands.keypoints import notes
+from b23d.stages.workbench.results.keypoints import COLUMNS, FoundKeypoints, keypoint_table
 from tests.report_runs import mixed
 from tests.small_runs import FAST, b23d
 
@@ -129,3 +130,18 @@ def test_a_surface_that_is_not_the_file_s_has_no_indices(boxes: Path) -> None:
     run.execute(workers=0)
     table = keypoint_table(run).table
     assert len(table) == 16 and table[["vertex", "face", "b0"]].isna().all().all() and table["x"].notna().all()
+
+
+def test_shapes_unlike_their_class_are_named() -> None:
+    """By the mean over draws; where nothing is told, nobody is."""
+    sure = {
+        ("chairs", "a", 0): 0.9,
+        ("chairs", "car", 0): 0.1,
+        ("chairs", "car", 1): 0.6,
+        ("chairs", "untold", 0): None,
+    }
+    rows = [{"class": c, "shape": s, "draw": d, "of_class": p} for (c, s, d), p in sure.items() for _ in range(3)]
+    table = pd.DataFrame(rows).astype({"of_class": COLUMNS["of_class"]})
+    found = FoundKeypoints(table, {}, {}, {}, 0)
+    assert found.strangers() == ["chairs/car"]
+    assert [line.rpartition(": ")[2] for line in notes(found, True)] == ["chairs/car"]

@@ -34,6 +34,7 @@ from b23d.stages.workbench.results.matching import keypoint_errors
 from b23d.stages.workbench.results.rows import row
 from b23d.stages.workbench.results.scores import run_scores
 from b23d.stages.workbench.results.summary import settings
+from b23d.stages.workbench.results.trust import judged
 from tests.report_runs import mixed
 
 plug_in()
@@ -263,3 +264,33 @@ def test_confidence_is_of_the_keypoints_judged_present(run: Run) -> None:
 
     assert told(confidence=sure, present=present) == pytest.approx(sure[present].mean())
     assert told(confidence=None) is None and told(confidence=sure, present=~present & present) is None
+
+
+def test_what_was_right_is_judged_as_scored_and_shown_over_what_was_said(run: Run) -> None:
+    """The reliability diagram speaks of every keypoint judged present on an annotated target, absent ones as wrong."""
+    gathering = Gathering(run)
+    pairs = []
+    for entry in map(gathering.entry, run.shapes):
+        found = judged(entry)
+        present = sum(int(attempt.prediction.present.sum()) for attempt in entry.attempts)
+        assert len(found) == (present if entry.keypoints is not None and len(entry.keypoints.ids) else 0)
+        pairs += found
+        for attempt in entry.attempts:
+            exact = attempt.prediction.model_copy(update={"present": np.zeros_like(attempt.prediction.present)})
+            nothing = replace(attempt, prediction=exact)
+            assert judged(replace(entry, attempts=[nothing])) == []
+    lines = page.reliability_lines(pairs)
+    assert lines is not None and lines["count"] == str(len(pairs))
+    assert sum(int(line["count"]) for line in lines["bins"]) == len(pairs)
+    assert page.reliability_lines([]) is None
+
+
+def test_shapes_unlike_their_class_are_counted_on_the_page(run: Run) -> None:
+    rows = [
+        {**row(Gathering(run).entry(shape)), "of_class": sure}
+        for shape, sure in zip(run.shapes, (0.2, 0.9), strict=False)
+    ]
+    told = {card["label"]: card["value"] for card in page.cards(rows, None, [])}
+    assert told["unlike their class"] == "1 shape"
+    rows[0]["of_class"] = None
+    assert "unlike their class" not in {card["label"] for card in page.cards(rows, None, [])}

@@ -21,7 +21,7 @@ from b23d.stages.scoring.quoted import B2_3D, CURVES
 from b23d.stages.scoring.reliability import reliability
 from b23d.stages.workbench.pictures.packing import as_json, packed_plotly
 from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
-from b23d.stages.workbench.results.columns import mean, shown_columns
+from b23d.stages.workbench.results.columns import STRANGE, mean, shown_columns
 from b23d.stages.workbench.results.gathering import Quarantined
 from b23d.stages.workbench.results.summary import costs, dataset_fields, origins, settings
 
@@ -125,6 +125,10 @@ def cards(
         found.append(
             {"label": "confidence", "value": _figure(sure, 2), "note": "mean over shapes; needs no annotation"}
         )
+    strange = sum(row["of_class"] is not None and row["of_class"] < STRANGE for row in rows)
+    if strange:
+        note = "of class below .5: sort the shapes by it"
+        found.append({"label": "unlike their class", "value": counted(strange, "shape"), "note": note})
     states = Counter(row["state"] for row in rows)
     note = ", ".join(f"{states[state]} {state}" for state in ("failed", "waiting") if states[state]) or "all done"
     found.append({"label": "shapes", "value": f"{len(rows):,}", "note": note})
