@@ -1,0 +1,94 @@
+"""Dense correspondence between two shapes: by looks alone, or by looks and mutual distances (the paper's D)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+LANDMARKS = 64
+STARTS = 8
+"""Places that the first landmark is tried at, `APART` from one another: looks do not tell left from right."""
+APART = 0.1
+ALPHA = 10.0
+"""Weight of a difference of distances, in longest sides, against one of cosines."""
+CLIP = 0.2
+"""Larger differences of distances count as this: poses change some, and other builds all."""
+SWEEPS, ROUNDS = 4, 2
+ROWS = 256
+
+
+def cosines(own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """(n, m) float32 cosine of descriptors (n, channel) and (m, channel), each less its shape's mean."""
+    first, second = (each.astype(np.float32) - each.mean(axis=0, dtype=np.float32) for each in (own, theirs))
+    lengths = [np.maximum(np.linalg.norm(each, axis=1, keepdims=True), 1e-9) for each in (first, second)]
+    found: np.ndarray = (first / lengths[0]) @ (second / lengths[1]).T
+    return found
+
+
+def consistent(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """(n,) the point of the other shape for each point of one, such that points look alike and lie as far from matched
+    landmarks as they do here.
+
+    `alike` (n, m) cosines; `own` (n, n) and `theirs` (m, m) distances along the surfaces, unit frames. Landmarks are
+    matched one after another from several starts, then improved in turn; the start of the least cost wins. Shapes that
+    are their own mirror images in all distances may still be matched to the mirror image, but then as a whole.
+    """
+    own, theirs = own.astype(np.float32), theirs.astype(np.float32)
+    at = _spread(own, min(LANDMARKS, len(own)))
+    looks, between = alike[at], own[np.ix_(at, at)]
+    tried = [_matched(looks, between, theirs, start) for start in _starts(looks[0], theirs)]
+    matched = min(tried, key=lambda found: found[0])[1]
+    found = alike.argmax(axis=1)
+    for _ in range(ROUNDS):
+        found = _dense(alike, own[:, at], theirs[:, matched])
+        matched = found[at]
+    return found
+
+
+def _spread(distances: np.ndarray, count: int) -> np.ndarray:
+    """(count,) farthest points by (n, n) distances, from the one that is farthest from the first."""
+    chosen = [int(distances[0].argmax())]
+    nearest = distances[chosen[0]].copy()
+    while len(chosen) < count:
+        chosen.append(int(nearest.argmax()))
+        np.minimum(nearest, distances[chosen[-1]], out=nearest)
+    return np.array(chosen)
+
+
+def _starts(looks: np.ndarray, theirs: np.ndarray) -> list[int]:
+    left = looks.copy()
+    starts: list[int] = []
+    while len(starts) < STARTS and np.isfinite(left.max()):
+        starts.append(int(left.argmax()))
+        left[theirs[starts[-1]] < APART] = -np.inf
+    return starts
+
+
+def _matched(looks: np.ndarray, between: np.ndarray, theirs: np.ndarray, start: int) -> tuple[float, np.ndarray]:
+    """Cost and (l,) matches of the landmarks: looks (l, m), distances between them (l, l)."""
+    count = len(looks)
+    found = np.full(count, start)
+
+    def best(landmark: int, others: np.ndarray) -> int:
+        differ = np.abs(between[landmark, others][:, None] - theirs[found[others]])
+        return int((ALPHA * np.minimum(differ, CLIP).mean(axis=0) - looks[landmark]).argmin())
+
+    for landmark in range(1, count):
+        found[landmark] = best(landmark, np.arange(landmark))
+    for _ in range(SWEEPS if count > 1 else 0):
+        before = found.copy()
+        for landmark in range(count):
+            found[landmark] = best(landmark, np.delete(np.arange(count), landmark))
+        if np.array_equal(found, before):
+            break
+    differ = np.minimum(np.abs(between - theirs[np.ix_(found, found)]), CLIP)
+    return float(ALPHA * differ.mean() - looks[np.arange(count), found].mean()), found
+
+
+def _dense(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """(n,) of least cost, given distances from landmarks here (n, l) and from their matches there (m, l)."""
+    found = np.empty(len(alike), np.int64)
+    for start in range(0, len(alike), ROWS):
+        rows = slice(start, start + ROWS)
+        differ = np.minimum(np.abs(own[rows, None] - theirs[None]), CLIP).mean(axis=2)
+        found[rows] = (ALPHA * differ - alike[rows]).argmin(axis=1)
+    return found

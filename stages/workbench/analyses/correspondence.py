@@ -1,0 +1,99 @@
+"""correspondence: dense matches between two shapes whose points correspond, against the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from b23d.stages.geometry.correspondence import consistent, cosines
+from b23d.stages.workbench.analyses.drawing import finish
+from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result, classes_of
+from b23d.stages.workbench.pictures.palette import class_color
+from b23d.stages.workbench.results.gathering import ShapeResults
+
+ERRORS = np.linspace(0, 0.5, 51)
+MatchErrors = dict[tuple[str, str, str], tuple[np.ndarray, np.ndarray]]
+
+
+class Parameters(AnalysisParams):
+    kind: Literal["correspondence"]
+    within: float = 0.05
+    """The table's share of points counts errors up to this, in longest sides."""
+
+
+def needs(params: Parameters) -> list[str]:
+    return ["normalize", "reweight", "geodesic"]
+
+
+def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
+    """Raises ValueError where a class has no two shapes whose candidates correspond."""
+    found: MatchErrors = {}
+    for part in parts:
+        for category in classes_of(part):
+            for method, errors in _errors(part, category):
+                found[part.label, category, method] = errors
+    rows = [
+        {
+            "descriptor": label, "pair": pair, "matches": method, "error": plain.mean(), "error sd": plain.std(),
+            f"≤ {params.within:g}": float((plain <= params.within).mean()), "sides exchanged": either.mean(),
+            f"≤ {params.within:g}, sides exchanged": float((either <= params.within).mean()), "points": len(plain),
+        }
+        for (label, pair, method), (plain, either) in found.items()
+    ]  # fmt: skip
+    return Result(
+        "Dense correspondence", pd.DataFrame(rows),
+        "error: mean distance along the surface between where a point is matched to and where it is, longest sides, "
+        "over points that views see; nearest: the most alike descriptor; consistent: with mutual distances, too; sides "
+        "exchanged: the point's mirror image counts as right, too (x = 0 of the first shape).",
+        [Chart(_figure(found), "Mean over pairs of the share of points within each error; dotted: sides exchanged.")],
+    )  # fmt: skip
+
+
+def _errors(part: ExecutedMember, category: str) -> Iterator[tuple[str, tuple[np.ndarray, np.ndarray]]]:
+    """Method → error of each seen point, and the less of it and that from the mirror image."""
+    entries = [entry for entry in part.entries.values() if entry.shape.category == category]
+    if len(entries) < 2:
+        raise ValueError(f"{category}: expected two shapes to match, got {len(entries)}; see what failed with b23d run")
+    first, second = entries[:2]
+    (points, features, own, seen), (others, their_features, theirs, _) = (_read(entry) for entry in (first, second))
+    if len(points) != len(others):
+        raise ValueError(
+            f"{second.shape.name}: expected candidates that correspond to those of {first.shape.name}, got "
+            f'{len(others)} for {len(points)}; take a data set whose shapes do, as "pairs"'
+        )
+    from scipy.spatial import cKDTree
+
+    image = cKDTree(points).query(points * np.array([-1.0, 1.0, 1.0]))[1]
+    alike = cosines(features, their_features)
+    for method, matched in (("nearest", alike.argmax(axis=1)), ("consistent", consistent(alike, own, theirs))):
+        plain = theirs[np.arange(len(points)), matched].astype(np.float64)
+        either = np.minimum(plain, theirs[image, matched])
+        yield method, (plain[seen], either[seen])
+
+
+def _read(entry: ShapeResults) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    if entry.normalized is None or entry.features is None or entry.distances is None:
+        raise ValueError(
+            f"{entry.shape.name}: expected features and distances, got none; see what failed with b23d run"
+        )
+    features = entry.features
+    return entry.normalized.points.astype(np.float64), features.features, entry.distances.distances, features.observed
+
+
+def _figure(found: MatchErrors) -> go.Figure:
+    figure = go.Figure()
+    for place, (label, method) in enumerate(dict.fromkeys((label, method) for label, _, method in found)):
+        errors = [value for (one, _, other), value in found.items() if (one, other) == (label, method)]
+        for which, dash in enumerate(("solid", "dot")):
+            curve = np.mean([(error[which][:, None] <= ERRORS).mean(axis=0) for error in errors], axis=0)
+            figure.add_scatter(
+                x=ERRORS.tolist(), y=curve.tolist(), name=f"{label}, {method}", legendgroup=f"{label}, {method}",
+                showlegend=which == 0, mode="lines", line={"color": class_color(place), "width": 2.5, "dash": dash},
+                hovertemplate="%{y:.0%} within %{x:.2f}<extra>" + f"{label}, {method}</extra>",
+            )  # fmt: skip
+    figure.update_yaxes(range=[0, 1.01], tickformat=".0%")
+    return finish(figure, "geodesic error, longest sides", "points")
