@@ -20,6 +20,8 @@ from b23d.stages.normalize import NormalizeParams, normalize
 from b23d.stages.orienting.examples import ExampleShape, standing
 from b23d.stages.workbench.annotate.geometry import Pickable
 from b23d.stages.workbench.pictures.frames import original
+from b23d.stages.workbench.results.columns import COLUMNS
+from b23d.stages.workbench.results.gathering import Gathering
 from tests.made_shapes import ROUGH, obj, xyz
 from tests.small_runs import b23d, make_boxes
 
@@ -218,6 +220,8 @@ def test_toppled_shapes_are_set_upright_by_what_the_examples_say(tmp_path: Path)
     for i, up in enumerate(UPS):
         shape = run.artifact(f"chair/{i}", "normalize")
         assert shape.up == up == run.artifact(f"chair/{i}", "orient").axis
+        row = Gathering(run).entry(run.shapes[i])
+        assert next(c for c in COLUMNS if c.key == "up").value(row) == run.artifact(f"chair/{i}", "orient").probability
         replaced = shape.model_copy(update={"repairs": {"watertight_faces": 1}})
         np.testing.assert_array_equal(original(run, f"chair/{i}", replaced).vertices, shape.vertices)
         file = trimesh.load(tmp_path / "all/chair" / f"{i}.ply", process=False).vertices

@@ -49,6 +49,10 @@ def _error(found: ShapeResults) -> float | None:
     return mean(error for attempt in found.attempts for error in keypoint_errors(found, attempt).values())
 
 
+def _sure_of_up(found: ShapeResults) -> float | None:
+    return None if found.orientation is None else found.orientation.probability
+
+
 def _confidence(found: ShapeResults) -> float | None:
     return mean(confidence_of(attempt) for attempt in found.attempts)
 
@@ -104,6 +108,14 @@ COLUMNS = (
         "confidence",
         "how sure the method is of the keypoints judged present, needing no annotation: mean over keypoints and draws",
         _confidence,
+        "figure2",
+        bar=True,
+    ),
+    Column(
+        "up",
+        "sure of up",
+        "probability of the axis that was found to point up, where dataset.up leaves it to be found",
+        _sure_of_up,
         "figure2",
         bar=True,
     ),

@@ -17,6 +17,7 @@ from b23d.pipeline.run import Run
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.keypoints import Keypoints
+from b23d.schemas.orientation import Orientation
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
 from b23d.schemas.shape import NormalizedShape
@@ -42,6 +43,8 @@ class ShapeResults:
     shot_of: list[int]
     """Draws in which this shape is a shot."""
     normalized: NormalizedShape | None = None
+    orientation: Orientation | None = None
+    """Where the run file leaves it to be found what is up."""
     features: PointFeatures | None = None
     distances: GeodesicDistances | None = None
     views: Views | None = None
@@ -88,6 +91,7 @@ class Gathering:
         found = ShapeResults(shape, self._shots.get(shape.name, []), waiting=shape.name in self._waiting)
         found.errors = list(self._errors.get(shape.name, []))
         found.normalized = self._read("normalize", shape, None, NormalizedShape)
+        found.orientation = self._read("orient", shape, None, Orientation)
         found.features = self._read("reweight", shape, None, PointFeatures) or self._read(
             "backproject", shape, None, PointFeatures
         )
