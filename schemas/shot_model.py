@@ -56,7 +56,7 @@ class ShotModel(Artifact):
     """By which each shot was turned into the common frame, about the up axis from +z towards +x."""
     sides: Annotated[np.ndarray, ArraySpec("shot 3", "float32", unit="longest side")]
     """Of each shot's box."""
-    largest: Annotated[np.ndarray, ArraySpec("shot", "float32", unit="unit frame")]
+    largest: Annotated[np.ndarray, ArraySpec("shot", "float32", unit="the shot's own unit frame")]
     """Each shot's largest distance."""
     occupancy: Annotated[np.ndarray, ArraySpec("shot cell", "float32")]
     """Share of each shot's candidates in every cell of a grid of 10 × 10 × 10 over the cube that its box lies in."""

@@ -279,3 +279,8 @@ def test_occupancy_is_the_share_of_each_cell() -> None:
     points = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5], [0.5, 0.5, 0.49], [-0.5, -0.45, -0.31]], np.float32)
     found = occupancy(points)
     assert {int(i): float(found[i]) for i in np.flatnonzero(found)} == {0: 0.25, 999: 0.5, 1: 0.25}
+
+
+def test_what_an_export_moves_into_a_target_s_file_frame_is_no_shot_s() -> None:
+    """Exports take what is in the "unit frame" for that of the shape they are asked of; a shots' model has none."""
+    assert not {name for name, spec in ShotModel.array_specs().items() if spec.unit == "unit frame"}
