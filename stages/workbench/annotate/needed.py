@@ -16,22 +16,32 @@ class ClassNeeds:
 
     category: str
     order: list[str]
-    """Its shapes that can be read: those that `shots.ids` names first, then by name."""
+    """Its shapes that can be read: those that `shots.ids` names first; else, while the class lacks shots, the annotated
+    ones and then what is proposed; then by name."""
     bare: list[str]
     """Those without keypoints."""
     needed: list[str]
     """Those of `bare` of which a shot may be made; none where the class has its shots."""
     annotated: int
     shots: int
+    by: str = ""
+    """What the next ones are proposed by; "" where they come by name."""
 
     @property
     def told(self) -> str:
         has = min(self.annotated, self.shots)
         more = f", {self.annotated - has} more annotated" if self.annotated > has else ""
-        return f"{self.category}: {has} of {self.shots} shots annotated{more}"
+        by = f"; the next is {self.by}" if self.by and self.needed else ""
+        return f"{self.category}: {has} of {self.shots} shots annotated{more}{by}"
 
 
-def class_needs(shapes: Iterable[Shape], shots: Shots, annotated: Callable[[Shape], bool]) -> list[ClassNeeds]:
+Propose = Callable[[list[str], set[str]], tuple[list[str], str]]
+"""From a class's shapes by name, and which of them are annotated, to those that should be next, and what by."""
+
+
+def class_needs(
+    shapes: Iterable[Shape], shots: Shots, annotated: Callable[[Shape], bool], propose: Propose | None = None
+) -> list[ClassNeeds]:
     """What every class needs, sorted by its name."""
     classes: dict[str, list[Shape]] = defaultdict(list)
     for shape in shapes:
@@ -41,13 +51,27 @@ def class_needs(shapes: Iterable[Shape], shots: Shots, annotated: Callable[[Shap
     for category, members in sorted(classes.items()):
         named = shots.ids.get(category, [])
         members = sorted(members, key=lambda shape: (shape.id not in named, shape.name))
-        bare = [shape for shape in members if not annotated(shape)]
         may = [shape for shape in members if shape.id in named] if named else members
         has = sum(annotated(shape) for shape in may)
-        count = len(named) or shots.count
+        count, by = len(named) or shots.count, ""
+        if propose is not None and not named and has < count:
+            members, by = _as_proposed(members, {shape.name for shape in members if annotated(shape)}, propose)
+            may = members
+        bare = [shape for shape in members if not annotated(shape)]
         needed = [shape.name for shape in bare if shape in may] if has < count else []
-        needs.append(ClassNeeds(category, [s.name for s in members], [s.name for s in bare], needed, has, count))
+        needs.append(ClassNeeds(category, [s.name for s in members], [s.name for s in bare], needed, has, count, by))
     return needs
+
+
+def _as_proposed(members: list[Shape], done: set[str], propose: Propose) -> tuple[list[Shape], str]:
+    """The annotated ones, those proposed, the others; and what by."""
+    ahead, by = propose([shape.name for shape in members], done)
+    place = {name: i for i, name in enumerate(ahead)}
+
+    def rank(shape: Shape) -> tuple[int, int]:
+        return (0, 0) if shape.name in done else (1, place[shape.name]) if shape.name in place else (2, 0)
+
+    return sorted(members, key=rank), by if ahead else ""
 
 
 def next_needed(needs: list[ClassNeeds]) -> str:

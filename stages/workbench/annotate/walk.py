@@ -10,7 +10,9 @@ from typing import Any
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.run import Run
 from b23d.stages.workbench.annotate.entries import read_entries
+from b23d.stages.workbench.annotate.looks import Looks, looks_of
 from b23d.stages.workbench.annotate.needed import ClassNeeds, beside, class_needs, next_needed
+from b23d.stages.workbench.annotate.proposing import proposed
 from b23d.stages.workbench.annotate.session import Session
 
 KEPT = 4
@@ -26,6 +28,7 @@ class Walk:
         self.run, self.keypoints = run, keypoints
         self._shapes, self._stale, self._lock = list(run.shapes), False, threading.Lock()
         self._sessions: OrderedDict[str, Session] = OrderedDict()
+        self._looks: dict[tuple[str, ...], Looks] = {}
         self.first = next_needed(self.needs()) if name is None else name
         self.at(self.first)
 
@@ -72,7 +75,16 @@ class Walk:
             ids = self.run.config.dataset.class_ids(shape.category) if elsewhere else ()
             return "keypoints" in shape.leaves or any((shape.id, each) in elsewhere for each in ids)
 
-        return class_needs(shapes, self.run.config.file.shots, annotated)
+        return class_needs(shapes, self.run.config.file.shots, annotated, self._propose)
+
+    def _propose(self, names: list[str], annotated: set[str]) -> tuple[list[str], str]:
+        """Which of a class's shapes should be next; in no order of its own where nothing is stored to tell by."""
+        looks = self._looks.get(key := tuple(names))
+        if looks is None:
+            looks = self._looks[key] = looks_of(self.run, names)
+        known = {name: i for i, name in enumerate(looks.names)}
+        done = [known[name] for name in names if name in annotated and name in known]
+        return [looks.names[i] for i in proposed(looks.alike, done, list(known.values()))], looks.told
 
     def _refresh(self) -> None:
         """After a save the shape stands beside the others. The caller holds the lock."""
