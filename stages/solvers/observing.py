@@ -10,7 +10,8 @@ import numpy as np
 from b23d.schemas.shot_model import ShotModel
 from b23d.stages.solvers.calibration import NEARNESS, SHARE, fitted
 from b23d.stages.solvers.learn_options import LearnParams, Templates
-from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, occupancy, prepare
+from b23d.stages.solvers.likeness import occupancy
+from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, prepare
 from b23d.stages.solvers.posterior.holding_out import folds, held_out
 from b23d.stages.solvers.posterior.learning import basis_of, deformation_covariance, frame_gate
 from b23d.stages.solvers.posterior.turning import aligned

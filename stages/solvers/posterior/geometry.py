@@ -13,7 +13,6 @@ PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 THINNEST = 0.05  # a side thinner than this share of the largest is not stretched to a box's full side
 ROWS = 64  # neighbourhoods summed at once, so that a processor's cache holds them
 NOTHING = np.float32(-60)  # exponents below count as this: e^-60 is no part of a sum, but denormal numbers are slow
-CELLS = 10  # of an occupancy grid, along each side
 
 
 @dataclass(frozen=True)
@@ -119,11 +118,3 @@ def squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def descriptors(shape: Prepared, basis: np.ndarray) -> np.ndarray:
     """(n, c + g) float32: components of the features by the basis (channel, c), then the local geometry."""
     return np.concatenate([shape.features @ basis, shape.geometry], 1)
-
-
-def occupancy(position: np.ndarray) -> np.ndarray:
-    """(1000,) float32: share of the points (n, 3) of a box, centred and of longest side 1, in every cell of a grid over
-    the cube that it lies in; x counts slowest, z fastest."""
-    cell = np.clip(((position + 0.5) * CELLS).astype(np.int64), 0, CELLS - 1)
-    flat = (cell[:, 0] * CELLS + cell[:, 1]) * CELLS + cell[:, 2]
-    return (np.bincount(flat, minlength=CELLS**3) / len(position)).astype(np.float32)

@@ -10,7 +10,9 @@ How to annotate a folder of meshes, clouds or textured scans:
     count up from 0 by themselves. Drag to turn, wheel to zoom: a click is exact from near. One a few pixels beside the
     shape takes the surface that looks nearest; with E on, a click takes the tip beside it. Names are for people: one
     that the class's other shapes give to an id is proposed.
-3.  Ctrl+S saves into `<root>/keypoints.json` (or the data set's `keypoints` file). Next (N) saves and goes to the next
+3.  While a class lacks shots (`shots.count`), the next shape is the one that most of those without keypoints are like:
+    by features and geometry after `b23d run RUN --until reweight`, by geometry after `--until normalize`, else by name.
+    Ctrl+S saves into `<root>/keypoints.json` (or the data set's `keypoints` file). Next (N) saves and goes to the next
     shape that is needed.
 4.  The first shape now stands beside it. The id to be placed next is marked on it; click the same place on the new
     shape. A part the shape lacks is passed over (`]`): an id means the same on every shape, and not every shape has
@@ -23,6 +25,7 @@ A keypoint's `xyz` lies exactly on the surface, in the file's own frame; `mesh_i
 where on it (barycentric), `pcd_info` which point of the shape's cloud is nearest.
 
 `geometry` finds what a click hits and `snapping` what it nearly hit, `entries` reads and writes the annotation file,
-`session` joins them for a shape, `needed` says which shapes come next, `walk` goes through them, `server` serves the
+`session` joins them for a shape, `needed` says which shapes come next, `proposing` which
+helps most, by what `looks` knows, `walk` goes through them, `server` serves the
 page.
 """

@@ -1,4 +1,4 @@
-"""What of a class's shapes is known before they are annotated: from what the run has stored, and nothing is computed."""
+"""What of a class's shapes is known before they are annotated: from what the run has stored; nothing is made."""
 
 from __future__ import annotations
 

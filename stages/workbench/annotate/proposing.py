@@ -11,8 +11,8 @@ AHEAD = 12
 
 
 def proposed(alike: np.ndarray, annotated: Collection[int], may: Collection[int], ahead: int = AHEAD) -> list[int]:
-    """The order in which to annotate, at most `ahead` of `may`: each is the one that raises most how like its most alike
-    annotated shape every shape is (facility location, Nemhauser et al., 1978, greedy).
+    """The order in which to annotate, at most `ahead` of `may`: each is the one that raises most how like its most
+    alike annotated shape every shape is (facility location, Nemhauser et al., 1978, greedy).
 
     alike: (n, n) symmetric, of any scale; ties go to the first. On KeypointNet's bathtubs and beds shots chosen so beat
     random ones (CONTRIBUTING.md), while shapes farthest from all annotated ones, outliers for the most part, lose.
