@@ -38,10 +38,11 @@ def optimize(
     """
     from b23d.stages.solvers.belonging import class_confidence
     from b23d.stages.solvers.calibration import LogisticMap
+    from b23d.stages.solvers.likeness import occupancy
     from b23d.stages.solvers.objective import objective, shares
     from b23d.stages.solvers.posing import check_channels, pose
     from b23d.stages.solvers.posterior.finding import find
-    from b23d.stages.solvers.posterior.geometry import in_box, occupancy
+    from b23d.stages.solvers.posterior.geometry import in_box
     from b23d.stages.solvers.presence import presence
     from b23d.stages.solvers.retrieval import mean_feature, weights_of
     from b23d.stages.solvers.scaling import relative_distances, scale_features

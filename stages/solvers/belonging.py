@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
-from b23d.stages.solvers.posterior.geometry import CELLS
+from b23d.stages.solvers.likeness import CELLS
 
 BLUR = 0.6  # cells, by which occupancies are blurred: surfaces that nearly meet are nearly alike
 LEAST_LOOKS, LEAST_SURFACE = 1e-3, 0.05  # shots are taken to differ by so much at least
