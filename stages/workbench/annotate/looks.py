@@ -10,6 +10,7 @@ import numpy as np
 
 from b23d.pipeline.run import Run
 from b23d.stages.solvers.likeness import cosine, occupancy, overlap, standardised
+from b23d.stages.solvers.retrieval import mean_feature
 
 MOST = 1000
 """Shapes of a class that are compared with each other; further ones are not proposed."""
@@ -33,7 +34,7 @@ def looks_of(run: Run, names: Sequence[str]) -> Looks:
     fewer than half have that, not at all."""
     names = list(names)[:MOST]
     places = {name: occupancy(_centred(found.points)) for name in names if (found := _stored(run, name, "normalize"))}
-    vectors = {name: _looks(found) for name in places if (found := _stored(run, name, "reweight"))}
+    vectors = {name: mean_feature(found) for name in places if (found := _stored(run, name, "reweight"))}
     if 2 * len(vectors) >= len(names) > 1 and len({len(vector) for vector in vectors.values()}) == 1:
         alike = _pairs(places, list(vectors)) + _compared([vectors[name] for name in vectors], cosine)
         return Looks(list(vectors), alike, "proposed by features and geometry")
@@ -50,11 +51,6 @@ def _pairs(places: dict[str, np.ndarray], names: list[str]) -> np.ndarray:
 def _compared(vectors: list[np.ndarray], measure: Any) -> np.ndarray:
     stacked = np.stack(vectors)
     return standardised(np.stack([measure(one, stacked) for one in stacked]))
-
-
-def _looks(features: Any) -> np.ndarray:
-    """The class token, or the mean feature."""
-    return np.asarray(features.class_token if features.class_token is not None else features.features.mean(0))
 
 
 def _centred(points: np.ndarray) -> np.ndarray:

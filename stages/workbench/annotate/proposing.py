@@ -14,8 +14,12 @@ def proposed(alike: np.ndarray, annotated: Collection[int], may: Collection[int]
     """The order in which to annotate, at most `ahead` of `may`: each is the one that raises most how like its most
     alike annotated shape every shape is (facility location, Nemhauser et al., 1978, greedy).
 
-    alike: (n, n) symmetric, of any scale; ties go to the first. On KeypointNet's bathtubs and beds shots chosen so beat
-    random ones (CONTRIBUTING.md), while shapes farthest from all annotated ones, outliers for the most part, lose.
+    alike: (n, n) symmetric, of any scale; ties go to the first.
+
+    Measured on KeypointNet's bathtubs and beds by how near the weighted mean of the shots' places is to the keypoints
+    of the rest (not by whole runs): bathtubs gain for 2 … 25 shots whatever the first one is (.45 against .44 at 10,
+    about half the spread); beds gain little but by the first one. Shapes farthest from all annotated ones, outliers for
+    the most part, are worse than random up to 10 shots on bathtubs.
     """
     found: list[int] = []
     left = np.array(sorted(set(may) - set(annotated)), np.int64)
