@@ -73,6 +73,9 @@ class Claims:
         """The file that claims are links to."""
         if self._text is None or anew:
             self._folder.mkdir(parents=True, exist_ok=True)
+            for left in self._folder.glob("*.new"):  # by killed runs
+                if (holder := _holder(left)) and not alive(self.store, holder):
+                    left.unlink(missing_ok=True)
             text = self._folder / f"{uuid.uuid4().hex}.new"
             text.write_text(self.lease)
             self._text = str(text)

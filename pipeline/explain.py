@@ -158,7 +158,8 @@ def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference
             yield from found
     if now.version != before.version:
         yield Difference(f"{now.stage}.version", str(before.version), str(now.version))
-    for key in sorted(now.params.keys() | before.params.keys()):
+    both = now.params.keys() & before.params.keys()  # these first: another choice brings and takes fields of its own
+    for key in sorted(now.params.keys() | before.params.keys(), key=lambda key: (key not in both, key)):
         if now.params.get(key) != before.params.get(key):
             yield Difference(f"stages.{now.stage}.{key}", repr(before.params.get(key)), repr(now.params.get(key)))
 

@@ -67,6 +67,9 @@ with lease(store, "1" * 32) as name:
         for place in range(50):
             won = list(pool.map(lambda claims, key=str(place): claims.take("square", key), runs))
             assert won.count(True) == 1, place
+        for claims in runs:
+            claims.release_all()
+        assert not list((tmp_path / FOLDER).iterdir())
 
 
 def test_trouble_with_claims_means_no_claims(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

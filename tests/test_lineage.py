@@ -8,8 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app
+from b23d.pipeline.explain import explain
 from b23d.pipeline.lineage import descent, reasons
 from b23d.pipeline.run import Run
+from tests.small_runs import make_boxes
 from tests.toy import make_toy
 
 
@@ -62,3 +64,11 @@ def test_the_command_line_tells_both_ways(tmp_path: Path) -> None:
     assert why.exit_code == 0 and "6 × square was never made" in why.output and "14 × behind these" in why.output
     down = CliRunner().invoke(app, ["explain", str(path), "toy/s0", "square", "--down"])
     assert down.exit_code == 0 and "made from square of toy/s0" in down.output
+
+
+def test_a_choice_comes_before_the_fields_it_brings(tmp_path: Path) -> None:
+    path = make_boxes(tmp_path)
+    graph, heat = Run.load(path), Run.load(path, ["stages.geodesic.method=heat"])
+    for now, before in ((heat, graph), (graph, heat)):
+        found = explain(now, "box/b0", "geodesic", against=before).differences
+        assert len(found) > 1 and found[0].field == "stages.geodesic.method", found
