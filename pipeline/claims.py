@@ -45,6 +45,7 @@ class Claims:
     def release_all(self) -> None:
         for path in list(self._taken):
             self._drop(path)
+        self._forget()  # of a run that won no claim, too
 
     def taken_elsewhere(self, stage: str, recipe: str) -> bool:
         """Whether another run that is going on still claims it."""
@@ -105,10 +106,14 @@ class Claims:
             self._taken.discard(path)
             with suppress(OSError):
                 Path(path).unlink()
-            if not self._taken and self._text is not None:
-                text, self._text = self._text, None
-                with suppress(OSError):
-                    Path(text).unlink()
+            if not self._taken:
+                self._forget()
+
+    def _forget(self) -> None:
+        text, self._text = self._text, None
+        if text is not None:
+            with suppress(OSError):
+                Path(text).unlink()
 
 
 def _holder(path: str | Path) -> str | None:

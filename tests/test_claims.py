@@ -32,6 +32,8 @@ def test_one_of_many_takes_a_claim_and_gives_it_back(tmp_path: Path) -> None:
         assert theirs.take("square", "cd") and not mine.take("square", "cd")
         mine.release("square", "ab")
         assert theirs.take("square", "ab")
+        assert not mine.take("square", "ab")  # all its claims are lost ones now
+        mine.release_all()
         theirs.release_all()
         assert not list((tmp_path / FOLDER).iterdir())
 
