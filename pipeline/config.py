@@ -238,8 +238,9 @@ def _dataset(file: RunFile, path: Path) -> Dataset:
 def _params(installed: Mapping[str, Stage], name: str, file: RunFile, path: Path) -> Params:
     where, stage = f"run file {path}: [stages.{name}]", installed[name]
     feeders = [feeding(file, item.upstream) for item in stage.inputs]
-    above = {f"stages.{feeder}": installed[feeder].params for feeder in feeders if feeder in installed}
-    return validate(stage.params, _absolute(stage.params, file.stages.get(name, {}), where), where, above)
+    fed = [other for other in installed if name in (feeding(file, item.upstream) for item in installed[other].inputs)]
+    near = {f"stages.{other}": installed[other].params for other in [*fed, *feeders] if other in installed}
+    return validate(stage.params, _absolute(stage.params, file.stages.get(name, {}), where), where, near)
 
 
 def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict[str, Any]:

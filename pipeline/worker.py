@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import resource
 import time
 import traceback
@@ -73,7 +74,7 @@ def run_task(task: Task, keep: bool = False, apart: bool = False) -> Outcome:
         if keep:
             _MADE[task.stage, task.address] = artifact
         overhead = time.perf_counter() - started - spent
-        odd = tuple(naming(task.shape, line) for line in getattr(artifact, "warnings", ()))
+        odd = tuple(_naming(task, line) for line in getattr(artifact, "warnings", ()))
         return Outcome(
             task.stage,
             task.address,
@@ -93,9 +94,23 @@ def run_task(task: Task, keep: bool = False, apart: bool = False) -> Outcome:
         return Outcome(*named, clock.seconds, peak_mb=peak_mb(), failure=failure, said=said.text)
 
 
+def _naming(task: Task, message: str) -> str:
+    """The message with the names of the shots it tells of, and of whose it is: the shape's, or the draw's where nothing
+    but shots were seen."""
+    message = re.sub(r"\bshot (\d+)\b", lambda found: _shot(task, found), message)
+    if task.shots and all(isinstance(item, list) for item in task.inputs.values()):
+        return f"{task.category}, draw {', '.join(map(str, task.draws))}: {message}"
+    return naming(task.shape, message)
+
+
+def _shot(task: Task, found: re.Match[str]) -> str:
+    place = int(found[1])
+    return f"{found[0]} ({task.shots[place]})" if place < len(task.shots) else found[0]
+
+
 def failure_of(task: Task, error: BaseException) -> Failure:
     permanent = not isinstance(error, MemoryError | OSError) or isinstance(error, FileNotFoundError)
-    at_fault = str(error) if isinstance(error, StoreError) else naming(task.shape, str(error))
+    at_fault = str(error) if isinstance(error, StoreError) else _naming(task, str(error))
     text = f"{type(error).__name__}: {at_fault}"
     told, damaged = "".join(traceback.format_exception(error)), _damaged(error)
     return Failure(

@@ -53,9 +53,9 @@ def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDist
     """Geodesic distances between all candidates, in the unit frame, never less than the straight line.
 
     "graph" takes O(n k) edges and O(n²) memory; exact all-pairs shortest paths (`stages/geodesics/paths.py`). Of more
-    than 8,192 candidates they go by way of landmarks (`stages/geodesics/landmarks.py`: .2 % too long in the mean, 2 %
-    rarely), and `method` says so. "heat" solves once a candidate, averages both directions, and takes paths along links
-    of that length where they are shorter.
+    than 8,192 candidates they go by way of landmarks (`stages/geodesics/landmarks.py`: .1 to .2 % too long in the mean,
+    single short distances up to some 20 %), and `method` says so. "heat" solves once a candidate, averages both
+    directions, and takes paths along links of that length where they are shorter.
 
     Raises ValueError where the shape has no candidates, or one that is not finite; where "heat" is asked for more than
     8,192.

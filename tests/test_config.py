@@ -121,6 +121,9 @@ def test_a_run_file_may_hold_several_methods_and_set_switches() -> None:
         ("stages.optimize.steps=1", "steps belongs to method softmax, discrete: set stages.optimize.softmax.steps"),
         ("stages.calibrate.iss_gamma_21=1", "belongs to method iss: set stages.calibrate.iss.gamma_21"),
         ("stages.geodesic.neighbors=9", "belongs to method graph, heat: set stages.geodesic.graph.neighbors"),
+        ("stages.learn.method=discrete", "method belongs to stages.optimize: set stages.optimize.method"),
+        ("stages.learn.retrieval=true", "retrieval belongs to stages.optimize: set stages.optimize.retrieval"),
+        ("stages.learn.alpha=1", "alpha belongs to stages.optimize: set stages.optimize.alpha"),
         ("stages.optimize.discrete.pases=9", "did you mean 'passes'"),
     ],
 )

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from b23d.pipeline.errors import ResourceError
 from b23d.pipeline.plan import State
 from b23d.pipeline.run import Run
 from b23d.pipeline.selection import Selection
+from b23d.pipeline.stage import STAGES
 from b23d.pipeline.store import Store
 from b23d.schemas.runfile import Shots
 from tests.toy import Numbers, make_toy
@@ -119,6 +121,21 @@ def test_a_bad_shot_is_replaced_by_the_next_in_rank(tmp_path: Path) -> None:
     assert first.name not in {s.name for d in plan.draws for s in d.shots}
     assert {f.shape for f in report.failures} == {first.name}
     assert plan.count()["add"][State.CACHED] == 6, "5 good shapes, 2 of them shots, 2 draws"
+
+
+def test_what_fails_on_shots_alone_names_them_and_its_draw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(**_: object) -> Numbers:
+        raise ValueError("shot 1: expected a number like shot 0's, got another; mend it (shot 7 is none of them)")
+
+    monkeypatch.setitem(STAGES, "total", replace(STAGES["total"], function=fails))
+    path = make_toy(tmp_path)
+    run = Run.load(path, ['outputs=["total"]', "shots.draws=[4]"])
+    first, second = (shot.name for shot in run.plan().draws[0].shots)
+    (failure,) = run.execute(workers=0).failures
+    told = (
+        f"shot 1 ({second}): expected a number like shot 0 ({first})'s, got another; mend it (shot 7 is none of them)"
+    )
+    assert failure.error == f"ValueError: toy, draw 4: {told}"
 
 
 def test_a_missing_file_blocks_its_shape_only(tmp_path: Path) -> None:

@@ -56,8 +56,10 @@ def file_of(run: Path, shape: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_where_no_keypoints_were_asked_for_none_are_promised(boxes: Path) -> None:
-    output = b23d("run", str(boxes), "--workers", "0", "--set", 'outputs=["geodesic"]')
-    assert "b23d keypoints" not in output and f"b23d list {boxes}" in output and f"b23d report {boxes}" in output
+    for asked in (("--set", 'outputs=["geodesic"]'), ("--until", "geodesic"), ("--stage", "geodesic")):
+        output = b23d("run", str(boxes), "--workers", "0", "--force", *asked)
+        assert "b23d keypoints" not in output and f"b23d list {boxes}" in output and f"b23d report {boxes}" in output
+    assert "b23d keypoints" in b23d("run", str(boxes), "--workers", "0", "--force", "--until", "optimize")
 
 
 def test_coordinates_vertices_and_faces_are_the_file_s_own(boxes: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.config import feeding
+from b23d.pipeline.config import feeding, needed_for
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.selection import Selection
 from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
@@ -98,7 +98,9 @@ def after_run(run: Run, report: Report, console: Console) -> None:
     """What to do with what a run has made."""
     if report.ok or report.done:
         path = run.config.path
-        if feeding(run.config.file, "optimize") in run.config.stages:
+        until, only = report.selection.until, report.selection.stages
+        ran = only or (needed_for(run.config, until) if until else run.config.stages)
+        if feeding(run.config.file, "optimize") in ran:
             first = f"b23d keypoints {path} -o {run.name}.csv   the keypoints in your files' coordinates"
         else:
             first = f"b23d list {path}   what there is of each shape, for b23d show to open or to write"
