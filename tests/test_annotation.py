@@ -143,7 +143,7 @@ def test_keypoints_at_no_place_at_all_are_refused_by_name(place: float, mesh: No
 
 def test_a_known_mistake_is_refused_though_it_moves_little(mesh: NormalizedShape) -> None:
     """Scaled to longest side 1 about the shape's own middle: no keypoint is `refuse` away, yet all are wrong."""
-    with pytest.raises(ValueError, match="normalised to longest side 1"):
+    with pytest.raises(ValueError, match=r"normalised to longest side 1.*raise stages\.annotation\.warn"):
         check((corners() - MIDDLE) / SIDE, mesh, refuse=5.0)
 
 

@@ -91,7 +91,8 @@ def _on_surface(
     reason, exact = _likely(keypoints, shape, beyond, float(distances[worst]))
     told = f"expected keypoints on the shape's surface, got {got}; {reason}"
     if distances[worst] > refuse or exact:
-        raise ValueError(f"{told}; {MEND}")
+        limit = "warn" if exact else "refuse"  # what one mistake explains exactly is refused from `warn` on
+        raise ValueError(f"{told}; mend the annotation file, or raise stages.annotation.{limit}")
     return [told]
 
 
