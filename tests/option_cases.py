@@ -54,7 +54,7 @@ def normalized(params: Any, with_cloud: bool = True) -> NormalizedShape:
 
 def with_outlier(params: Any) -> NormalizedShape:
     """Of a cloud that has one point far off."""
-    points = np.concatenate([np.random.default_rng(0).normal(size=(80, 3)), [[90.0, 0, 0]]])
+    points = np.concatenate([np.random.default_rng(0).normal(size=(1200, 3)), [[90.0, 0, 0]]])
     source = Source(shape="a/b", files={"c.xyz": xyz(points)}, cloud="c.xyz")
     made: NormalizedShape = stage("normalize").function(source, params)
     return made

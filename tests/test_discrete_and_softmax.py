@@ -18,14 +18,18 @@ from b23d.stages.describe import DescribeParams, describe
 from b23d.stages.geodesic import GeodesicParams, geodesic
 from b23d.stages.normalize import NormalizeParams, normalize
 from b23d.stages.solvers.discrete import discrete
+from b23d.stages.solvers.learn_options import LearnParams, Templates
 from b23d.stages.solvers.objective import Problem, objective
-from b23d.stages.solvers.options import Objective
+from b23d.stages.solvers.observing import observe
 from b23d.stages.solvers.posing import pose
-from b23d.stages.solvers.shots import described as whole
+from b23d.stages.solvers.retrieval import weights_of
+from b23d.stages.solvers.scaling import relative_distances, scale_features
 from b23d.stages.solvers.shots import labelled
+from b23d.stages.solvers.template import template_of
 from tests.shared_data import shared
 
-SCALES = [Objective(), Objective(features="standardised", alpha=4)]
+SCALES = [(Templates(), 0.25), (Templates(features="standardised"), 4.0)]
+"""What a template is made of, and the weight of its distances."""
 
 
 def loaded(leaf: Leaf) -> Any:
@@ -41,9 +45,12 @@ def problems(shapes: list[Shape], shots: int) -> Iterator[tuple[str, Problem]]:
         described = describe(clean, DescribeParams(descriptor="shot"))
         made.append((clean, described, geodesic(clean, GeodesicParams()), loaded(shape.leaves["keypoints"])))
     taught = labelled(*(list(column) for column in zip(*made[:shots], strict=True)))
-    for shape, target in zip(shapes[shots:], made[shots:], strict=True):
-        for scale in SCALES:
-            yield shape.name, pose(whole("the target", *target[:3]), taught, scale)[1]
+    for scale, alpha in SCALES:
+        model = observe(taught, LearnParams(template=scale))
+        for shape, (_, looks, distances, _) in zip(shapes[shots:], made[shots:], strict=True):
+            template = template_of(model, weights_of(model, looks, False))
+            features = scale_features(looks.features, model.feature_scale, looks.observed)
+            yield shape.name, pose(features, relative_distances(distances.distances), model, template, alpha)
 
 
 def check(shapes: list[Shape], shots: int = 3, steps: int = 600) -> None:

@@ -14,6 +14,8 @@ MOST = 0.05
 """Where more than this would be stray together, nothing is."""
 GAP = 0.03
 """Stray faces are farther than this from the rest, in longest sides."""
+FEWEST = 1000
+"""Of fewer points in a cloud, distances to neighbours do not tell a stray one from a thin place."""
 NEIGHBOUR, SPARSE, LEAST = 6, 3.0, 0.02
 """Stray points are farther from this neighbour than this many times the usual, and than this, in longest sides."""
 SHRINK = 0.02
@@ -27,7 +29,7 @@ def stray_points(points: np.ndarray) -> np.ndarray:
 
     none = np.zeros(len(points), bool)
     ends = points[:, int(np.ptp(points, axis=0).argmax())]
-    if len(points) <= NEIGHBOUR or _reaches(ends, ends, np.full(len(points), 1 / len(points))):
+    if len(points) < FEWEST or _reaches(ends, ends, np.full(len(points), 1 / len(points))):
         return none
     distance = cKDTree(points).query(points, k=NEIGHBOUR + 1)[0][:, -1]
     stray = distance > max(LEAST, SPARSE * float(np.median(distance)))
