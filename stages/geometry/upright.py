@@ -96,7 +96,8 @@ def guess(stances: Sequence[Stance | None]) -> Upright:
     """
     told = [each for each in stances if each is not None]
     many = max(2.0, MIXED * len(stances))
-    letters = Counter(each.axis[-1] for each in told).most_common()
+    counts = Counter(each.axis[-1] for each in told)
+    letters = sorted(counts.items(), key=lambda each: (-each[1], each[0]))  # the same in any order of the shapes
     if len(letters) > 1 and letters[1][1] >= many:
         return Upright(None, 0, len(stances), tuple((_axis(letter), count) for letter, count in letters))
     if not letters or letters[0][1] <= len(stances) / 2:

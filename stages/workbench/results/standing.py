@@ -33,7 +33,7 @@ def after_run(run: Run, report: Report, console: Console) -> None:
     if stage not in run.config.stages or not issubclass(run.config.stages[stage].gives, NormalizedShape):
         return
     made: dict[str, list[str]] = defaultdict(list)
-    for outcome in report.done:
+    for outcome in sorted(report.done, key=lambda outcome: outcome.shape):  # not in the order that workers ended in
         if outcome.stage == stage:
             made[outcome.shape.split("/")[0]].append(outcome.address)
     found = {}
