@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
-from b23d.stages.solvers.likeness import CELLS
+from b23d.stages.solvers.likeness import overlaps
 
-BLUR = 0.6  # cells, by which occupancies are blurred: surfaces that nearly meet are nearly alike
 LEAST_LOOKS, LEAST_SURFACE = 1e-3, 0.05  # shots are taken to differ by so much at least
 OFFSET, SLOPE = 2.27, 5.24
 """Of the logistic map from the logarithm of how far, fitted on CAPOD's 15 classes and the procedural ones (3 shots, 3
@@ -27,7 +26,7 @@ def class_confidence(model: ShotModel, looks: np.ndarray, occupancy: np.ndarray)
         return None
     far = np.log(_relative(_cosines(np.vstack([looks, model.mean_features])), LEAST_LOOKS))
     if not model.turns.any():
-        far = (far + 2 * np.log(_relative(_uncovered(np.vstack([occupancy, model.occupancy])), LEAST_SURFACE))) / 3
+        far = (far + 2 * np.log(_relative(1 - overlaps(np.vstack([occupancy, model.occupancy])), LEAST_SURFACE))) / 3
     return float(1 / (1 + np.exp(SLOPE * far - OFFSET)))
 
 
@@ -43,13 +42,3 @@ def _cosines(vectors: np.ndarray) -> np.ndarray:
     wide = vectors.astype(np.float64)
     unit = wide / np.maximum(np.linalg.norm(wide, axis=1, keepdims=True), 1e-12)
     return np.asarray(1 - unit @ unit.T)
-
-
-def _uncovered(occupancies: np.ndarray) -> np.ndarray:
-    """(m, m) of occupancies (m, cell)."""
-    from scipy.ndimage import gaussian_filter
-
-    grid = occupancies.reshape(-1, CELLS, CELLS, CELLS).astype(np.float64)
-    blurred = gaussian_filter(grid, (0, BLUR, BLUR, BLUR), mode="constant").reshape(len(grid), -1)
-    shared = np.array([np.minimum(one, blurred).sum(1) / np.maximum(one, blurred).sum(1) for one in blurred])
-    return np.asarray(1 - shared)

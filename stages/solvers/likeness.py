@@ -30,6 +30,12 @@ def overlap(one: np.ndarray, others: np.ndarray) -> npt.NDArray[np.float64]:
     return np.asarray(np.minimum(own, rest).sum(1) / np.maximum(own, rest).sum(1), np.float64)
 
 
+def overlaps(occupancies: np.ndarray) -> npt.NDArray[np.float64]:
+    """(m, m) as `overlap`, of every one of occupancies (m, cell) with every other."""
+    blurred = _blurred(occupancies)
+    return np.array([np.minimum(one, blurred).sum(1) / np.maximum(one, blurred).sum(1) for one in blurred])
+
+
 def cosine(one: np.ndarray, others: np.ndarray) -> npt.NDArray[np.float64]:
     """(s,) of one vector (c,) with others (s, c)."""
     lengths = np.linalg.norm(one.astype(np.float64)) * np.linalg.norm(others.astype(np.float64), axis=1)
@@ -43,7 +49,7 @@ def standardised(values: np.ndarray) -> npt.NDArray[np.float64]:
 
 
 def _blurred(occupancies: np.ndarray) -> np.ndarray:
-    """(s, cell) → (s, cell): blurred, and cut off where a twentieth of what covers an even surface is enough."""
+    """(s, cell) → (s, cell)."""
     from scipy.ndimage import gaussian_filter
 
     grid = occupancies.reshape(-1, CELLS, CELLS, CELLS).astype(np.float64)
