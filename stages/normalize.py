@@ -44,9 +44,9 @@ class NormalizeParams(Params):
     annotations with it; "random": another angle for every shape, from `seed`. To measure what a method owes to a common
     orientation."""
     stray: Literal["drop", "keep"] = "drop"
-    """What to do with points and specks that are few, small, and far from all else, where the frame would reach out to
-    them (a scan's outliers). "drop": the frame is the box of the rest; stray faces go, a cloud's stray points are put
-    on their neighbours in the file's order, as points that are not finite are."""
+    """What to do with points and specks that are few, small, and apart from all else (a scan's outliers, and what flies
+    about its surface). "drop": the frame is the box of the rest; stray faces go, a cloud's stray points are put where
+    others of it are, here and there."""
     watertight: bool = False
     """Replace each mesh by a closed manifold around it, for descriptors that need clean meshes (the paper's HKS, WKS,
     SHOT). Candidates are sampled on that, or the data set's cloud stays and is tied to it; frame and annotations stay;
@@ -58,7 +58,7 @@ class NormalizeParams(Params):
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
 
 
-@stage(version=3, hints=Hints(memory_gb=0.5))
+@stage(version=4, hints=Hints(memory_gb=0.5))
 def normalize(source: Source, params: NormalizeParams, orient: Orientation | None = None) -> NormalizedShape:
     """Read, set upright (the source's `up` axis, or the one that `orient` found, becomes +y), clean, move to the unit
     frame, and choose candidates.
@@ -194,14 +194,14 @@ def _closed(result: Clean, resolution: int) -> Clean:
 
 
 def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape:
-    from b23d.stages.geometry.cleaning import Frame, check_frame, fill_gaps
+    from b23d.stages.geometry.cleaning import Frame, check_frame
     from b23d.stages.geometry.sampling import farthest_points
     from b23d.stages.geometry.stray import stray_points
 
     frame, points, strays = check_frame(Frame.around(cloud.points), shape), cloud.points, 0
     while params.stray == "drop" and (stray := stray_points(frame.unit(points))).any():
         strays += int(stray.sum())
-        points = fill_gaps(np.where(stray[:, None], np.nan, points))
+        points = _elsewhere(points, stray)
         frame = check_frame(Frame.around(points), shape)
     vertices = frame.unit(points).astype(np.float32)
     kind = _kind(shape, cloud, params)
@@ -223,6 +223,14 @@ def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape
             **cloud.problems,
         },
     )
+
+
+def _elsewhere(points: np.ndarray, stray: np.ndarray) -> np.ndarray:
+    """The points (n, 3), those that are stray (n,) put where others are, as far from each other in the file as can
+    be."""
+    kept, moved = np.flatnonzero(~stray), points.copy()
+    moved[stray] = points[kept[np.arange(int(stray.sum())) * len(kept) // int(stray.sum())]]
+    return moved
 
 
 def _kind(shape: str, cloud: Cloud | None, params: NormalizeParams) -> Literal["cloud", "fps"]:
