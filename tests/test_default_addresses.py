@@ -26,7 +26,7 @@ CHANGED = {
     "extract": "version 2: only tokens of the foreground are made and stored; `tokens` is new",
     "geodesic": "version 2: landmarks stand for more than 8,192 candidates; the options moved into the methods' tables",
     "import_predictions": "`spacing` and `origin` moved into the table of the one format that uses them",
-    "normalize": "version 3: stray points and specks do not move the frame, and `stray` is new; concave polygons, glTF "
+    "normalize": "version 4: stray points and specks are left out, and `stray` is new; concave polygons, glTF "
     "and text files are read otherwise; `watertight_resolution` dropped where nothing is made watertight",
     "optimize": "version 5: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
     "concern the shots; predictions say how probable it is that they are right",
