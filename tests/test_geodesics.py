@@ -8,7 +8,7 @@ import pytest
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from b23d.stages.geodesics.bridging import links
+from b23d.stages.geodesics.bridging import WIDE, links
 from b23d.stages.geodesics.dissection import LEAF, dissect
 from b23d.stages.geodesics.graph import edge_graph, graph_distances, label_components, neighbour_edges
 from b23d.stages.geodesics.insertion import insert_points
@@ -70,23 +70,44 @@ def test_distances_from_a_few_sources_are_exact() -> None:
         graph_distances(points * np.nan, 20, sources)
 
 
-def test_links_are_the_shortest_that_connect() -> None:
+def test_links_hold_the_shortest_that_connect_and_none_much_longer() -> None:
     rng = np.random.default_rng(0)
     components = rng.permutation(np.arange(90) % 9)
-    points = rng.random((90, 3)) * 0.3 + rng.random((9, 3))[components]
+    points = rng.random((90, 3)) * 0.3 + 3 * rng.random((9, 3))[components]
     ends, lengths = links(points, components)
-    assert len(set(components[ends].ravel())) == 9
+    np.testing.assert_allclose(lengths, np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1))
+    between = np.full((9, 9), np.inf)
+    np.minimum.at(between, tuple(components[ends].T), lengths)
+    between = np.where(np.isinf(np.minimum(between, between.T)), 0, np.minimum(between, between.T))
     gaps = np.array(
         [[cdist(points[components == a], points[components == b]).min() for b in range(9)] for a in range(9)]
     )
-    np.testing.assert_allclose(lengths.sum(), minimum_spanning_tree(gaps).sum())
-    np.testing.assert_allclose(lengths, np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1))
+    tree = minimum_spanning_tree(gaps).toarray()
+    np.testing.assert_allclose(minimum_spanning_tree(between).sum(), tree.sum())
+    widest = gaps.copy()
+    for by in range(9):
+        widest = np.minimum(widest, np.maximum(widest[:, by, None], widest[by]))
+    assert (lengths <= WIDE * widest[tuple(components[ends].T)] + 1e-12).all()
+    for one, other in ends:
+        rows = [cdist(points[[a]], points[components == components[b]]).min() for a, b in ((one, other), (other, one))]
+        length = np.linalg.norm(points[one] - points[other])
+        assert min(abs(row - length) for row in rows) < 1e-12, "the nearest of its component, seen from one end"
 
 
 def test_components_that_coincide_are_linked_at_no_length() -> None:
     ends, lengths = links(np.zeros((3, 3)), np.array([0, 1, 2]))
-    assert len(ends) == 2
+    assert len(ends) == 3
     assert (lengths == 0).all()
+
+
+def test_a_strip_cut_out_of_a_plate_is_crossed_straight() -> None:
+    plate = np.random.default_rng(0).uniform(-0.5, 0.5, (3000, 3)) * [1, 0, 1]
+    slanted = plate[:, 0] + 0.1 * plate[:, 2]  # the strip is .12 wide at one end and .2 at the other
+    points = plate[np.abs(slanted) > 0.06 + 0.04 * (plate[:, 2] + 0.5)]
+    found = graph_distances(points, 20, np.arange(50), disconnected="bridge")
+    straight = cdist(points[:50], points)
+    ratio = found[straight > 0.3] / straight[straight > 0.3]
+    assert ratio.min() >= 1 - 1e-9 and np.quantile(ratio, 0.95) < 1.1, "a plate's distances are straight ones"
 
 
 def test_inserted_points_are_vertices_and_the_surface_stays() -> None:
