@@ -13,7 +13,7 @@ from b23d.pipeline.address import leaf_address
 from b23d.pipeline.dataset import Shape
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape, turned
-from b23d.stages.datasets.damage import ScanDamage, clean_scan, damaged_scan
+from b23d.stages.datasets.damage import ScanDamage, clean_scan, damaged_scan, gone
 from b23d.stages.datasets.damages.scan import Scan
 from b23d.stages.datasets.procedural import Procedural
 from b23d.stages.normalize import NormalizeParams, normalize
@@ -119,6 +119,14 @@ def test_decimation_keeps_to_its_number_and_near_the_shape(index: int) -> None:
     assert 250 < len(left.faces) <= 500
     assert cKDTree(scan.vertices).query(left.vertices)[0].max() < 0.1 * scan.size
     assert len(hurt(clean(index, points=3000), "decimated", 500).vertices) == 500
+
+
+def test_decimation_takes_no_part_away() -> None:
+    for shape in Procedural(kind="procedural", classes=["chair", "table"], count=6).listed():
+        scan = clean_scan(read(shape.leaves["source"]), {"points": 0})
+        left = hurt(scan, "decimated", 500)
+        assert area(left) == pytest.approx(area(scan), rel=0.06) and len(left.faces) < 550
+        assert not gone(keypoints(shape).positions, scan, left).any()
 
 
 def test_noise_is_as_large_as_it_says_along_the_normals() -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from b23d.stages.datasets.damages.scan import Scan
 
 Load = Callable[[dict[str, bytes], dict[str, Any]], Any]
-VERSION = 1
+VERSION = 2
 """Raise it when damages change: it enters the shapes' addresses."""
 GONE = 0.02
 """A keypoint is absent where the surface nearest to it is farther off than before by more than this, in sizes."""

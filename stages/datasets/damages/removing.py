@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from b23d.stages.datasets.damages.scan import Scan
+from b23d.stages.geodesics.connectivity import face_components
 
 SIDE = 0.02
 """Longest side of the faces at a rim, in sizes."""
@@ -16,6 +17,8 @@ DISTANCE = 3.0
 """Of that camera from the middle, in sizes."""
 FLIP = 100.0
 """Radius of the sphere that hidden points are found with, in distances of the farthest point from the camera."""
+AGGRESSIVENESS = (7, 4, 2, 1)
+"""Of edge collapses, one after the other: how fast the error that is allowed grows."""
 
 
 def holes(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
@@ -51,8 +54,8 @@ def one_sided(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
 
 
 def decimated(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
-    """About `amount` faces, by collapsing edges of the least quadric error (Garland and Heckbert 1997); of a cloud
-    `amount` random points."""
+    """About `amount` faces, by collapsing edges of the least quadric error (Garland and Heckbert 1997), every part that
+    hangs together by as much; of a cloud `amount` random points."""
     if amount < 4:
         raise ValueError(f"decimated: expected at least 4 faces or points, got {amount:g}; set dataset.damage.amount")
     if not len(scan.faces):
@@ -60,9 +63,23 @@ def decimated(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
         return scan.of(np.sort(rng.choice(len(scan.vertices), count, replace=False)))
     if len(scan.faces) <= amount:
         return scan
+    group = np.unique(face_components(len(scan.vertices), scan.faces), return_inverse=True)[1].ravel()
+    shares = np.bincount(group) / len(group)
+    parts = [_simplified(scan.of(group == part), max(4, int(amount * share))) for part, share in enumerate(shares)]
+    firsts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + first for part, first in zip(parts, firsts, strict=False)]
+    return Scan(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+
+
+def _simplified(part: Scan, count: int) -> Scan:
+    """A part with about `count` faces. What resists at one aggressiveness yields at a lower; with several parts at once
+    the others would be eaten up in its stead."""
     from fast_simplification import simplify
 
-    vertices, faces = simplify(scan.vertices, scan.faces.astype(np.int32), target_count=int(amount))
+    vertices, faces = part.vertices, part.faces.astype(np.int32)
+    for aggressiveness in AGGRESSIVENESS:
+        if len(faces) > count:
+            vertices, faces = simplify(vertices, faces, target_count=count, agg=aggressiveness)
     return Scan(np.asarray(vertices, np.float64), np.asarray(faces, np.int64))
 
 
