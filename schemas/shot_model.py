@@ -38,9 +38,14 @@ class ShotModel(Artifact):
     mean_distances: Annotated[np.ndarray, ArraySpec("k k", "float32", unit="the shape's largest distance")]
     """Between keypoints, over the shots that have both; 0 where none has."""
     deviations: Annotated[np.ndarray, ArraySpec("k k", "float64", unit="squared longest sides of the box")]
-    """Covariance, for each axis, of keypoints' deviations from their mean places."""
+    """Covariance, for each axis, of keypoints' deviations from where the shots most like a shape have them: the
+    prior's, moved towards that of each shot's from the others."""
     gate: float
-    """How many times the shots' disagreement about places exceeds the prior's; `deviations` has it in. At least 1."""
+    """How many times the shots' disagreement about places exceeds the prior's, which has it in. At least 1."""
+    shift_squares: Annotated[np.ndarray, ArraySpec("k shift", "float64")]
+    """Summed squared deviations of each shot's mean-shift vectors from those of the others most like it."""
+    deviating: Annotated[np.ndarray, ArraySpec("k", "int32")]
+    """Over how many shots that have the id, as another does."""
 
     places: Annotated[np.ndarray, ArraySpec("shot k 3", "float32", unit="sides of the box, −.5 … .5")]
     shifts: Annotated[np.ndarray, ArraySpec("shot k shift", "float32")]

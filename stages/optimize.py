@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from b23d.stages.solvers.options import Adam, Discrete, Softmax
 
 
-@stage(version=5, hints=Hints(memory_gb=0.5))
+@stage(version=6, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,
@@ -60,7 +60,7 @@ def optimize(
     if params.method == "posterior":
         if learn.feature_scale != "centred-unit":
             features = scale_features(reweight.features, "centred-unit", reweight.observed)
-        found = find(normalize.points, features, distances, learn, weights, params.posterior)
+        found = find(normalize.points, features, distances, learn, weights, params.posterior, mean_feature(reweight))
         choice, confidence = found.points, LogisticMap(*learn.sureness)(found.mass).astype(np.float32)
         present = found.present if params.presence == "evidence" else present
     else:

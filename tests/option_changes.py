@@ -138,6 +138,7 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
                 "smooth_sd": ({}, 3.0),
                 "smooth_length": ({}, 0.01),
                 "independent_sd": ({}, 0.01),
+                "worth": ({}, 1000.0),
             },
         ),
         **under(
@@ -175,6 +176,8 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
                 "keypoint_weight": ({}, 15.0),
                 "identity_weight": ({}, 8.0),
                 "shift_sd": ({}, 0.01),
+                "shift_worth": ({"shift_sd": 0.01}, 0.01),
+                "plain_after": ({"keypoint_weight": 15.0}, 0.01),
                 "distance_weight": ({}, 50.0),
                 "distance_sd": ({}, 0.005),
                 "turns": ({}, 2),

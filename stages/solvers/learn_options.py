@@ -23,6 +23,9 @@ class Deformation(Params):
     """How near that is, in box sides."""
     independent_sd: float = Field(0.1, gt=0)
     """Of each keypoint's own."""
+    worth: float = Field(2.0, gt=0)
+    """Deviations of shots, one an axis, that this prior counts as beside what the shots' own teach (an inverse Wishart
+    distribution)."""
 
 
 class Templates(Params):

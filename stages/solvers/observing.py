@@ -11,9 +11,16 @@ from b23d.schemas.shot_model import ShotModel
 from b23d.stages.solvers.calibration import NEARNESS, SHARE, fitted
 from b23d.stages.solvers.learn_options import LearnParams, Templates
 from b23d.stages.solvers.likeness import occupancy
-from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, prepare
+from b23d.stages.solvers.nearness import among
+from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, descriptors, prepare
 from b23d.stages.solvers.posterior.holding_out import folds, held_out
-from b23d.stages.solvers.posterior.learning import basis_of, deformation_covariance, frame_gate
+from b23d.stages.solvers.posterior.learning import (
+    basis_of,
+    deformation_covariance,
+    deviations_of,
+    frame_gate,
+    learned_covariance,
+)
 from b23d.stages.solvers.posterior.turning import aligned
 from b23d.stages.solvers.posterior.weighing import weighed
 from b23d.stages.solvers.retrieval import mean_feature
@@ -56,15 +63,25 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
     places = gather([one.box[points] for one, points in zip(prepared, at, strict=True)])
     mean_places = places.sum(0, dtype=np.float64) / has.sum(0)[:, None]
     gate = frame_gate(places[known].astype(np.float64), has[known], params)
+    occupancies = np.stack([occupancy(one.position) for one in prepared])
+    looks = np.stack([mean_feature(shot.features) for shot in shots])
+    near = among(known, occupancies, looks)
+    sides = np.stack([one.sides for one in prepared])
+    moved = deviations_of(has, places.astype(np.float64), near) * np.maximum(sides, THINNEST)[:, None]
+    shifts = gather([one.shift[points] for one, points in zip(prepared, at, strict=True)])
+    shifted = deviations_of(has, shifts.astype(np.float64), near)
+    prior = deformation_covariance(mean_places, params.deformation) * gate
     tokens = [token for shot in shots if (token := shot.features.class_token) is not None]
     observed: dict[str, Any] = {
         "shots": [str(shot.index) for shot in shots],
         "ids": ids,
         "has": has,
-        "deviations": deformation_covariance(mean_places, params.deformation) * gate,
+        "deviations": learned_covariance(moved, prior, params.deformation.worth),
         "gate": gate,
+        "shift_squares": np.nansum(shifted**2, axis=0),
+        "deviating": np.isfinite(shifted[..., 0]).sum(0).astype(np.int32),
         "places": places,
-        "shifts": gather([one.shift[points] for one, points in zip(prepared, at, strict=True)]),
+        "shifts": shifts,
         "descriptors": gather(
             [
                 (descriptors(one, basis.basis)[points] - basis.mean) / basis.scale
@@ -76,11 +93,11 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
             [_features(shot, lengths, params.template) for shot, lengths in zip(shots, distances, strict=True)]
         ),
         "turns": turns,
-        "sides": np.stack([one.sides for one in prepared]),
+        "sides": sides,
         "largest": np.array([lengths.largest for lengths in distances], np.float32),
-        "occupancy": np.stack([occupancy(one.position) for one in prepared]),
+        "occupancy": occupancies,
         "class_tokens": np.stack(tokens) if len(tokens) == len(shots) else None,
-        "mean_features": np.stack([mean_feature(shot.features) for shot in shots]),
+        "mean_features": looks,
         "basis": basis.basis,
         "mean": basis.mean,
         "scale": basis.scale,

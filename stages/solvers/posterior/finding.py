@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
+from b23d.stages.solvers.likeness import occupancy
+from b23d.stages.solvers.nearness import nearness
 from b23d.stages.solvers.posterior.geometry import prepare
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import Found, predict
@@ -20,11 +22,14 @@ def find(
     model: ShotModel,
     weights: np.ndarray,
     params: PosteriorParams,
+    looks: np.ndarray,
 ) -> Found:
     """The keypoints of every id that a shot of any weight has, by ascending id.
 
-    points (n, 3) of the target, features (n, channel) centred and of unit length, weights (s,).
+    points (n, 3) of the target, features (n, channel) centred and of unit length, weights (s,), looks (channel,) its
+    mean feature. What keypoints look like is learned from all shots that count; where they are, from those most like
+    it.
     """
-    learned = weighed(model, weights)
-    target = prepare(points, features, distances, model.radii)
-    return predict(learned, in_frame(learned, target, params), params)
+    target = in_frame(weighed(model, weights), prepare(points, features, distances, model.radii), params)
+    near = nearness(model, weights, occupancy(target.position), looks)
+    return predict(weighed(model, weights, near), target, params)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
+from b23d.stages.solvers.nearness import nearness
 from b23d.stages.solvers.posterior.geometry import Prepared
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import NEAR, predict
@@ -34,7 +35,8 @@ def held_out(model: ShotModel, shots: Sequence[Prepared], which: np.ndarray) -> 
     for i in which:
         weights = np.ones(len(shots))
         weights[i] = 0
-        others, shot = weighed(model, weights), shots[i]
+        alike = nearness(model, weights, model.occupancy[i], model.mean_features[i])
+        others, shot = weighed(model, weights, alike), shots[i]
         found = predict(others, shot, PosteriorParams())
         columns = np.flatnonzero((weights @ model.has) > 0)
         sure[i, columns] = found.mass

@@ -10,6 +10,7 @@ import numpy as np
 
 from b23d.stages.solvers.learn_options import Deformation, LearnParams
 from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, squared
+from b23d.stages.solvers.posterior.weighing import FAR
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,30 @@ def deformation_covariance(places: np.ndarray, params: Deformation) -> np.ndarra
     quadratic = params.quadratic_sd**2 * product**2 / 4
     smooth = params.smooth_sd**2 * np.exp(-squared(places, places) / (2 * params.smooth_length**2))
     return np.asarray(affine + quadratic + smooth + params.independent_sd**2 * np.eye(len(places)))
+
+
+def learned_covariance(deviations: np.ndarray, prior: np.ndarray, worth: float) -> np.ndarray:
+    """(k, k) mean of an inverse Wishart distribution about `prior` (k, k), which counts as `worth` deviations, given
+    those of shots (s, k, 3), NaN where they say nothing: there, what the prior makes of the others."""
+    total, count = worth * prior, worth
+    for deviation in deviations:
+        known = np.isfinite(deviation[:, 0])
+        if known.any():
+            told = np.linalg.solve(prior[np.ix_(known, known)], prior[known]).T
+            filled = told @ deviation[known]
+            total = total + filled @ filled.T + filled.shape[1] * (prior - told @ prior[known])
+            count += filled.shape[1]
+    return np.asarray((total + total.T) / (2 * count))
+
+
+def deviations_of(has: np.ndarray, values: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(s, k, d) of each shot's values (s, k, d) from the others' mean, weighted by how near they are to it, (s, s); NaN
+    where it lacks the id, or all others do."""
+    others = np.where(np.eye(len(has), dtype=bool), 0, near + FAR)
+    counts = np.einsum("ts,sk->tk", others, has)[..., None]
+    sums = np.einsum("ts,skd->tkd", others, values * has[..., None])
+    mean = np.divide(sums, counts, out=np.full(values.shape, np.nan), where=counts > 0)
+    return np.asarray(np.where(has[..., None], values - mean, np.nan))
 
 
 def frame_gate(places: np.ndarray, has: np.ndarray, params: LearnParams) -> float:

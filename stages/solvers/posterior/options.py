@@ -13,8 +13,13 @@ class PosteriorParams(Params):
     """Weight of "is a keypoint at all", pooled over ids: three shots have some forty examples of it."""
     identity_weight: float = 0.5
     """Weight of "is this keypoint rather than another"."""
+    plain_after: float = Field(9.0, gt=0)
+    """With so many further examples of an id, both weights are half-way to 1: the plain discriminant of its own
+    examples against all points."""
     shift_sd: float = Field(0.2, gt=0)
-    """Standard deviation of the mean-shift vectors, in radii."""
+    """Standard deviation of the mean-shift vectors, in radii, before the shots have shown theirs."""
+    shift_worth: float = Field(10.0, gt=0)
+    """Shots that this counts as beside what they show."""
     distance_weight: float = Field(2.0, ge=0)
     """Weight of the geodesic distances between keypoints."""
     distance_sd: float = Field(0.05, gt=0)
@@ -31,5 +36,6 @@ class PosteriorParams(Params):
     """Of the mean field, over all keypoints in turn."""
     hit_radius: float = Field(0.08, gt=0)
     """How near counts as a hit when a point is chosen, in largest box sides."""
-    present: float = Field(0.5, ge=0, le=1)
-    """Least mean expected hit for a group of ids to be judged present by the evidence."""
+    present: float = Field(0.4, ge=0, le=1)
+    """Least probability for a group of ids to be judged present by the evidence: how often shots like the target have
+    them, times the odds of their mean expected hit."""

@@ -27,7 +27,7 @@ class Found:
     mass: np.ndarray
     """(k,) posterior of the candidates within `NEAR` of the chosen point along the surface, 0 … 1."""
     present: npt.NDArray[np.bool_]
-    """(k,) by the evidence of groups of ids that the same shots have."""
+    """(k,) by the evidence of groups of ids that the same shots have, and by how often shots like the target do."""
 
 
 def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Found:
@@ -43,13 +43,23 @@ def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Foun
 
 
 def unary_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
-    """(k, n) cost of each candidate by its looks. The horizontal shift is trusted only as far as the frame is."""
+    """(k, n) cost of each candidate by its looks. The more examples of an id, the more they say of it by themselves."""
     model = learned.model
     described = (descriptors(target, model.basis) - model.mean) / model.scale
-    trust = np.tile(np.array([1 / model.gate, 1.0, 1 / model.gate]) ** 0.5, len(model.radii))
-    shift = squared(learned.shifts * trust, target.shift * trust) / (2 * params.shift_sd**2)
-    discriminants = params.keypoint_weight * learned.keypoint + params.identity_weight * learned.identity
-    return np.asarray(shift - discriminants @ described.T)
+    further = np.maximum(learned.counts - 1, 0)[:, None]
+    plain = further / (further + params.plain_after)
+    keypoint, identity = (plain + (1 - plain) * w for w in (params.keypoint_weight, params.identity_weight))
+    discriminants = keypoint * learned.keypoint + identity * learned.identity
+    return np.asarray(_shift_costs(learned, target, params) - discriminants @ described.T)
+
+
+def _shift_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
+    """(k, n). Before shots show otherwise, the horizontal shift is trusted only as far as the frame is."""
+    gate = np.tile([learned.model.gate, 1.0, learned.model.gate], len(learned.model.radii))
+    squares = params.shift_worth * params.shift_sd**2 * gate + learned.shift_squares
+    precision = (params.shift_worth + learned.deviating)[:, None] / squares
+    own, wide = learned.shifts, target.shift.astype(np.float64)
+    return np.asarray(((precision * own**2).sum(1)[:, None] - 2 * precision * own @ wide.T + precision @ wide.T**2) / 2)
 
 
 def mean_field(learned: Weighed, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> np.ndarray:
@@ -77,12 +87,13 @@ def prior(learned: Weighed, target: Prepared) -> tuple[np.ndarray, np.ndarray]:
 
 
 def judged_present(learned: Weighed, hits: np.ndarray, least: float) -> npt.NDArray[np.bool_]:
-    """Ids that the same shots have are decided together, by their mean expected hit; one shot alone keeps all its
-    ids."""
+    """Ids that the same shots have are decided together: their mean expected hit and their occurrence are independent
+    witnesses. One shot alone keeps all its ids."""
     if len(learned.has) == 1:
         return np.ones(len(hits), bool)
     group = np.unique(learned.has, axis=1, return_inverse=True)[1].ravel()
-    return np.asarray((np.bincount(group, hits) / np.bincount(group))[group] >= least)
+    hit, often = (np.bincount(group, hits) / np.bincount(group))[group], learned.occurrence
+    return np.asarray(hit * often >= least * (hit * often + (1 - hit) * (1 - often)))
 
 
 def _normalised(costs: np.ndarray) -> np.ndarray:
