@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from b23d.stages.solvers.options import Adam, Discrete, Softmax
 
 
-@stage(version=6, hints=Hints(memory_gb=0.5))
+@stage(version=7, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,
@@ -56,13 +56,14 @@ def optimize(
     features = scale_features(reweight.features, learn.feature_scale, reweight.observed)
     distances = relative_distances(geodesic.distances)
     problem = pose(features, distances, learn, template, params.alpha)
-    present, confidence = presence(template, params.presence), None
+    present, confidence, front = presence(template, params.presence), None, None
     if params.method == "posterior":
         if learn.feature_scale != "centred-unit":
             features = scale_features(reweight.features, "centred-unit", reweight.observed)
         found = find(normalize.points, features, distances, learn, weights, params.posterior, mean_feature(reweight))
         choice, confidence = found.points, LogisticMap(*learn.sureness)(found.mass).astype(np.float32)
         present = found.present if params.presence == "evidence" else present
+        front = found.front_margin
     else:
         choice = _solve(problem, params)
     chosen, each = problem.among(choice), np.arange(len(choice))
@@ -75,6 +76,7 @@ def optimize(
         costs=costs.astype(np.float32),
         confidence=confidence,
         class_confidence=class_confidence(learn, mean_feature(reweight), occupancy(in_box(normalize.points)[0])),
+        front_margin=front,
         objective=float(objective(chosen, each)),
         method=params.method,
         shots=template.shots,

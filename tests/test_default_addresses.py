@@ -29,8 +29,9 @@ CHANGED = {
     "import_predictions": "`spacing` and `origin` moved into the table of the one format that uses them",
     "normalize": "version 4: stray points and specks are left out, and `stray` is new; concave polygons, glTF "
     "and text files are read otherwise; `watertight_resolution` dropped where nothing is made watertight",
-    "optimize": "version 6: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
-    "concern the shots; predictions say how probable it is that they are right; places come from the shots most alike",
+    "optimize": "version 7: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
+    "concern the shots; predictions say how probable it is that they are right; places come from the shots most alike; "
+    "where the surface lies tells a front",
     "render": "version 2: of a cloud of over 100,000 points some are drawn; `rings` and `count` moved into "
     "the layouts' tables",
     "train_head": "`hidden` and its `seed` moved into the table of the detector with a hidden layer",

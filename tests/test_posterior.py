@@ -132,7 +132,7 @@ def test_shots_that_stand_alike_are_left_alone() -> None:
     same, turns = aligned(shots, PARAMS.same_frame)
     assert not turns.any() and all(one is other for one, other in zip(same, shots, strict=True))
     target, model = prepared(7), taught([box_cloud(i, turn=0.1 * i) for i in range(3)])
-    assert in_frame(weighed(model, np.ones(3)), target, PosteriorParams()) is target
+    assert in_frame(weighed(model, np.ones(3)), target, PosteriorParams()).shape is target
 
 
 def test_the_odd_shot_is_turned_to_the_others_and_not_they_to_it() -> None:

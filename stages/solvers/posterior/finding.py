@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
@@ -9,7 +11,7 @@ from b23d.stages.solvers.likeness import occupancy
 from b23d.stages.solvers.nearness import nearness
 from b23d.stages.solvers.posterior.geometry import prepare
 from b23d.stages.solvers.posterior.options import PosteriorParams
-from b23d.stages.solvers.posterior.predicting import Found, predict
+from b23d.stages.solvers.posterior.predicting import Found, near_mass, predict
 from b23d.stages.solvers.posterior.turning import in_frame
 from b23d.stages.solvers.posterior.weighing import weighed
 from b23d.stages.solvers.scaling import Relative
@@ -30,6 +32,8 @@ def find(
     mean feature. What keypoints look like is learned from all shots that count; where they are, from those most like
     it.
     """
-    target = in_frame(weighed(model, weights), prepare(points, features, distances, model.radii), params)
-    near = nearness(model, weights, occupancy(target.position), looks)
-    return predict(weighed(model, weights, near), target, params)
+    stood = in_frame(weighed(model, weights), prepare(points, features, distances, model.radii), params)
+    near = nearness(model, weights, occupancy(stood.shape.position), looks)
+    found = predict(weighed(model, weights, near), stood.shape, params)
+    others = sum(share * near_mass(posterior, stood.shape, found.points) for share, posterior in stood.others)
+    return replace(found, mass=stood.share * found.mass + others, front_margin=stood.margin)

@@ -30,6 +30,8 @@ class PosteriorParams(Params):
     """Of the von Mises prior that a target stands as a shot does; 20 is a standard deviation of 13°."""
     sides_sd: float = Field(0.25, gt=0)
     """Standard deviation of the logarithms of the box's sides, for judging turns."""
+    surface_weight: float = Field(300.0, ge=0)
+    """Nats that full overlap of a target's surface with the shots' counts for a turn."""
     temper: float = Field(2.0, ge=1)
     """Divides the evidence for a turn: keypoints of one shape are less independent than the bound has it."""
     iterations: int = Field(6, ge=1)

@@ -25,9 +25,12 @@ class Found:
     hits: np.ndarray
     """(k,) expected hit at the chosen point, 0 … 1: certain of it within the hit radius."""
     mass: np.ndarray
-    """(k,) posterior of the candidates within `NEAR` of the chosen point along the surface, 0 … 1."""
+    """(k,) posterior of the candidates within `NEAR` of the chosen point along the surface, 0 … 1, whatever the front
+    is."""
     present: npt.NDArray[np.bool_]
     """(k,) by the evidence of groups of ids that the same shots have, and by how often shots like the target do."""
+    front_margin: float | None = None
+    """Nats of evidence by which the front that was taken beats the next best; None where none was looked for."""
 
 
 def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Found:
@@ -37,9 +40,13 @@ def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Foun
     expected = posterior[:, likely].astype(np.float32) @ nearness
     points = expected.argmax(1)
     hits = expected[np.arange(len(points)), points]
+    return Found(points, hits, near_mass(posterior, target, points), judged_present(learned, hits, params.present))
+
+
+def near_mass(posterior: np.ndarray, target: Prepared, points: np.ndarray) -> np.ndarray:
+    """(k,) of posterior (k, n), of the candidates within `NEAR` of points (k,) along the surface."""
     around = target.distances[points] * np.float32(target.diameter) <= NEAR
-    mass = (posterior * around).sum(1)
-    return Found(points, hits, mass, judged_present(learned, hits, params.present))
+    return np.asarray((posterior * around).sum(1))
 
 
 def unary_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:

@@ -3,16 +3,36 @@ All turns are about the up axis, in radians, from +z towards +x."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from b23d.stages.solvers.likeness import occupancy, overlap
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import mean_field, prior, unary_costs
 from b23d.stages.solvers.posterior.weighing import Weighed
 
 REFINED = 4  # local maxima of the first evidence that are followed up
+PLACE_SD = 0.05  # by which a keypoint's place differs from shape to shape, in longest box sides
+EVIDENT = 3.0  # nats by which a turn must explain two shots' labels better than none does
+FEW = 2  # shots that may stand alike by chance
+AS_IT_IS = 60.0  # nats that it takes to turn a target where few shots stand alike; on aligned sets false fronts have 50
+CHANCE = 8.0  # standard deviation of what two fronts' evidence differs by without a reason; 10 nats may be a tie yet
+
+
+@dataclass(frozen=True)
+class InFrame:
+    """A target in the shots' frame."""
+
+    shape: Prepared
+    margin: float | None
+    """Nats of evidence by which this front beats the next best: near 0 it is a tie, and all but the choice is chance.
+    None where none was looked for."""
+    share: float
+    """How probable it is that this is the front, 0 … 1."""
+    others: tuple[tuple[float, np.ndarray], ...]
+    """The probabilities of other fronts, and (k, n) where the keypoints are if it is that one."""
 
 
 def aligned(shots: list[Prepared], same_frame: float) -> tuple[list[Prepared], np.ndarray]:
@@ -23,28 +43,45 @@ def aligned(shots: list[Prepared], same_frame: float) -> tuple[list[Prepared], n
     return [turned(shot, turn) for shot, turn in zip(shots, turns, strict=True)], turns
 
 
-def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> Prepared:
-    """The target, turned to where the shots' model explains it best; as it is where all shots stood alike: then targets
-    are taken to do so, too.
+def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InFrame:
+    """The target, turned to where the shots' model explains it best; as it is where three shots or more stood alike:
+    then targets are taken to do so, too. One shot or two may by chance: then much must speak for a turn.
 
     Every turn is judged by each keypoint alone, the best few by the mean field's lower bound (Bishop, Pattern
-    Recognition, sec. 10.1), with the box's proportions and a prior: as the shots stood, or any orientation.
+    Recognition, sec. 10.1), with where the surface lies, the box's proportions and a prior: as shots stood that stood
+    alike, or any orientation.
     """
-    if not learned.model.turns.any():
-        return target
+    known = learned.model.has.any(1)
+    alike = not learned.model.turns.any()
+    if alike and known.sum() > FEW:
+        return InFrame(target, None, 1.0, ())
     angles = np.arange(params.turns) * (2 * np.pi / params.turns)
     candidates = [turned(target, angle) for angle in angles]
-    stands = _log_prior(angles, learned.model.turns[learned.model.has.any(1)], params)
+    stands = _log_prior(angles, learned.model.turns[known], params)
     stands -= np.array([((_log_sides(shape) - learned.log_sides) ** 2).sum() for shape in candidates]) / (
         2 * params.sides_sd**2
     )
+    stands[0] += AS_IT_IS * alike
+    stands += params.surface_weight * np.array([_overlap(learned, shape) for shape in candidates])
     unaries = [unary_costs(learned, shape, params) for shape in candidates]
     alone = [_evidence(learned, shape, unary) for shape, unary in zip(candidates, unaries, strict=True)]
     first = stands + np.array(alone) / params.temper
     peaks = np.flatnonzero((first >= np.roll(first, 1)) & (first >= np.roll(first, -1)))
     peaks = peaks[np.argsort(-first[peaks], kind="stable")][:REFINED]
-    bounds = [stands[i] + _bound(learned, candidates[i], unaries[i], params) / params.temper for i in peaks]
-    return candidates[peaks[int(np.argmax(bounds))]]
+    half = peaks[0] + params.turns // 2 + np.arange(-1, 2)
+    if not np.isin(half % params.turns, peaks).any():
+        peaks = np.append(peaks, half[1] % params.turns)
+    fields = [mean_field(learned, candidates[i], unaries[i], params) for i in peaks]
+    bounds = [_bound(learned, candidates[i], unaries[i], field, params) for i, field in zip(peaks, fields, strict=True)]
+    evidence = stands[peaks] + np.array(bounds) / params.temper
+    best = int(evidence.argmax())
+    shares = np.exp(-(((evidence - evidence[best]) / CHANCE) ** 2) / 2)
+    shares /= shares.sum()
+    others = [i for i in range(len(peaks)) if i != best]
+    margin = float(evidence[best] - evidence[others].max()) if others else None
+    return InFrame(
+        candidates[peaks[best]], margin, float(shares[best]), tuple((float(shares[i]), fields[i]) for i in others)
+    )
 
 
 def turned(shape: Prepared, angle: float) -> Prepared:
@@ -66,7 +103,8 @@ def turned(shape: Prepared, angle: float) -> Prepared:
 
 def _turn(shot: Prepared, reference: Prepared, same_frame: float) -> float:
     """The turn that brings a shot's keypoints onto the reference's of the same ids (Procrustes about one axis); 0 where
-    it is small, or does not explain most of what parts them."""
+    it is small, does not explain most of what parts them, or what it explains may be chance: few keypoints that lie
+    near each other seem turned easily."""
     _, own, other = np.intersect1d(shot.ids, reference.ids, return_indices=True)
     if len(own) < 2:
         return 0.0
@@ -77,15 +115,28 @@ def _turn(shot: Prepared, reference: Prepared, same_frame: float) -> float:
     angle = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     before, after = ((a - b) ** 2).sum(), ((a @ rotation.T - b) ** 2).sum()
-    return angle if abs(angle) > np.deg2rad(same_frame) and after < before / 2 else 0.0
+    gain = (before - after) / (4 * PLACE_SD**2)  # of two places' difference
+    evident = abs(angle) > np.deg2rad(same_frame) and after < before / 2 and gain > EVIDENT
+    return angle if evident else 0.0
 
 
 def _log_prior(angles: np.ndarray, turns: np.ndarray, params: PosteriorParams) -> np.ndarray:
-    """(t,) log density, but for a constant: a mixture of one von Mises distribution a shot and, as heavy as one of
-    them, a uniform one."""
-    agreement = np.cos(angles[:, None] - turns[None])  # a target that stood as a shot needs that shot's turn
-    peaks = np.exp(params.turn_concentration * (agreement - 1)) * np.sqrt(2 * np.pi * params.turn_concentration)
-    return np.asarray(np.log(1 + peaks.sum(1)))
+    """(t,) log density, but for a constant: a mixture of a uniform distribution and, each as heavy, a von Mises one for
+    every shot as far as another stood as it did: what has been seen once need not be seen again (Good and Turing)."""
+
+    def agreement(some: np.ndarray) -> np.ndarray:
+        """(…, s) 0 … 1; a target that stood as a shot needs that shot's turn."""
+        return np.asarray(np.exp(params.turn_concentration * (np.cos(some[:, None] - turns) - 1)))
+
+    among = agreement(turns)
+    np.fill_diagonal(among, 0)
+    peaks = agreement(angles) * np.sqrt(2 * np.pi * params.turn_concentration)
+    return np.asarray(np.log(1 + peaks @ among.max(1, initial=0)))
+
+
+def _overlap(learned: Weighed, shape: Prepared) -> float:
+    """0 … 1, of its surface with the shots', on average."""
+    return float(np.average(overlap(occupancy(shape.position), learned.model.occupancy), weights=learned.shots))
 
 
 def _evidence(learned: Weighed, target: Prepared, unary: np.ndarray) -> float:
@@ -96,9 +147,10 @@ def _evidence(learned: Weighed, target: Prepared, unary: np.ndarray) -> float:
     return float((np.log(np.exp(least[:, None] - costs).sum(1)) - least).sum())
 
 
-def _bound(learned: Weighed, target: Prepared, unary: np.ndarray, params: PosteriorParams) -> float:
-    """Lower bound of the log evidence at the mean field: its entropy less its expected cost."""
-    posterior = mean_field(learned, target, unary, params)
+def _bound(
+    learned: Weighed, target: Prepared, unary: np.ndarray, posterior: np.ndarray, params: PosteriorParams
+) -> float:
+    """Lower bound of the log evidence at the mean field, the posterior (k, n): its entropy less its expected cost."""
     place, covariance = prior(learned, target)
     precision = np.linalg.inv(covariance)
     position = target.position.astype(np.float64)

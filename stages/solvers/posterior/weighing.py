@@ -19,6 +19,8 @@ class Weighed:
     """k ids that a shot of any weight has; the rest of the shots' model is as it is for every target."""
 
     model: ShotModel
+    shots: np.ndarray
+    """(all shots,) weight of each that has keypoints; 0 of others."""
     has: np.ndarray
     """(s, k) bool, of shots of any weight."""
     counts: np.ndarray
@@ -67,6 +69,7 @@ def weighed(model: ShotModel, weights: np.ndarray, near: np.ndarray | None = Non
     sides = np.log(np.maximum(model.sides[of], THINNEST))
     return Weighed(
         model=model,
+        shots=weights * model.has.any(1),
         has=has,
         counts=counts,
         occurrence=_occurrence(has, close, weights[of]),
