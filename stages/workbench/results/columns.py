@@ -73,6 +73,10 @@ def _of_class(found: ShapeResults) -> float | None:
     return mean(attempt.prediction.class_confidence for attempt in found.attempts)
 
 
+def _front(found: ShapeResults) -> float | None:
+    return mean(attempt.prediction.front_margin for attempt in found.attempts)
+
+
 def _predicted(found: ShapeResults) -> float | None:
     return mean(int(attempt.prediction.present.sum()) for attempt in found.attempts)
 
@@ -118,6 +122,13 @@ COLUMNS = (
         _sure_of_up,
         "figure2",
         bar=True,
+    ),
+    Column(
+        "front",
+        "front",
+        "nats of evidence by which the turn that was found beats the next best, mean over draws: below 10 it may be a tie",
+        _front,
+        "figure2",
     ),
     Column(
         "of_class",
