@@ -126,7 +126,7 @@ COLUMNS = (
     Column(
         "front",
         "front",
-        "nats of evidence by which the turn that was found beats the next best, mean over draws: below 10 it may be a tie",
+        "nats of evidence by which the turn that was found beats the next best, mean over draws: a tie below 10 or so",
         _front,
         "figure2",
     ),
