@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
-KINDS = ("correspondence", "keypoints", "pca", "robustness", "semantic", "similarity", "stability")
+KINDS = ("correspondence", "keypoints", "pca", "robustness", "semantic", "shots", "similarity", "stability")
 
 
 def module_of(table: Mapping[str, Any]) -> ModuleType:
