@@ -33,8 +33,9 @@ class NormalizeParams(Params):
     the cloud where there is one of at most `cloud_limit` points, else fps."""
     count: Annotated[int, When(candidates=("auto", "fps"))] = Field(2048, ge=1)
     """How many farthest-point samples (fewer only where a bare cloud has fewer points)."""
-    cloud_limit: Annotated[int, When(candidates="auto")] = Field(8192, ge=1)
-    """Largest cloud that `auto` takes whole: distances between candidates grow with the square."""
+    cloud_limit: Annotated[int, When(candidates="auto")] = Field(4096, ge=1)
+    """Largest cloud that `auto` takes whole: distances between candidates grow with the square, and a cloud that has
+    lost some of its points should not have more candidates for that."""
     seed: Annotated[int, When(candidates=("auto", "fps")), When(turn="random")] = Field(0, ge=0)
     """Of the random surface points that farthest-point sampling chooses from."""
     max_nonfinite: float = Field(0.01, ge=0, le=1)

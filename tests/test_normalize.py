@@ -256,6 +256,12 @@ def test_a_cloud_is_taken_whole_and_in_order_unless_it_is_large() -> None:
     assert of_cloud(points, cloud_limit=200, candidates="cloud").candidates == "cloud"
 
 
+def test_a_large_cloud_with_holes_has_no_more_candidates_than_without() -> None:
+    points = np.random.default_rng(0).normal(size=(10_000, 3))
+    counts = [len(of_cloud(points[:left], count=2048).points) for left in (10_000, 8000, 5000)]
+    assert counts == [2048, 2048, 2048]
+
+
 def test_a_mesh_file_with_points_only_is_a_cloud() -> None:
     source = Source(shape="s", files={"m.obj": obj(ROUGH.vertices, [])}, mesh="m.obj")
     shape = normalize(source, NormalizeParams())
