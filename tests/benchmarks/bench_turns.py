@@ -62,7 +62,12 @@ def write(folder: Path, rotations: dict[str, np.ndarray], classes: list[str], co
                 {"xyz": place.tolist(), "semantic_id": int(i)}
                 for i, place in zip(built.keypoint_ids, built.keypoints @ rotation, strict=True)
             ]
-            entries.append({"model_id": name, "class_id": category, "keypoints": points})
+            at = {int(i): place for place, i in enumerate(built.keypoint_ids)}
+            symmetries = {
+                kind: [{"kp_indexes": [at[i] for i in ids]} for ids in groups if at.keys() >= set(ids)]
+                for kind, groups in (("reflection", built.reflections), ("rotation", built.rotations))
+            }
+            entries.append({"model_id": name, "class_id": category, "keypoints": points, "symmetries": symmetries})
     (folder / "keypoints.json").write_text(json.dumps(entries))
 
 
