@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,20 +36,27 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
     Raises ValueError: several shots of which no two share an id.
     """
     check_combinable([shot.keypoints.ids for shot in shots])
-    distances = [relative_distances(shot.distances.distances) for shot in shots]
-    prepared = [_prepared(shot, lengths, params) for shot, lengths in zip(shots, distances, strict=True)]
+    ids = np.unique(np.concatenate([shot.keypoints.ids for shot in shots])).astype(np.int32)
+    rows = [np.searchsorted(ids, shot.keypoints.ids) for shot in shots]
+    has = np.zeros((len(shots), len(ids)), bool)
+    for row, own in zip(has, rows, strict=True):
+        row[own] = True
+    tested = folds(has)
+    prepared, keypoint_features = [], []
+    between, largest = np.zeros((len(shots), len(ids), len(ids)), np.float32), np.zeros(len(shots), np.float32)
+    for place, (shot, own) in enumerate(zip(shots, rows, strict=True)):
+        lengths = relative_distances(shot.distances.distances)
+        one = _prepared(shot, lengths, params)
+        between[place][np.ix_(own, own)], largest[place] = _between(lengths, shot.at), lengths.largest
+        keypoint_features.append(_features(shot, one.features, lengths, params.template))
+        prepared.append(one if place in tested else replace(one, distances=one.distances[:0]))  # they are what is large
     known = np.array([len(shot.at) > 0 for shot in shots])  # the others teach nothing, and are turned to nothing
     turns = np.zeros(len(shots))
     standing, turns[known] = aligned([prepared[i] for i in np.flatnonzero(known)], params.same_frame)
     for i, shape in zip(np.flatnonzero(known), standing, strict=True):
         prepared[i] = shape
     basis = basis_of(standing, params)
-    ids = np.unique(np.concatenate([shot.keypoints.ids for shot in shots])).astype(np.int32)
     at = [shot.at for shot in shots]
-    rows = [np.searchsorted(ids, shot.keypoints.ids) for shot in shots]
-    has = np.zeros((len(shots), len(ids)), bool)
-    for row, own in zip(has, rows, strict=True):
-        row[own] = True
 
     def gather(values: Sequence[np.ndarray]) -> np.ndarray:
         """(s, k, d) float32 of values (g, d) of each shot's keypoints."""
@@ -57,9 +65,6 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
             one[own] = value
         return found
 
-    between = np.zeros((len(shots), len(ids), len(ids)), np.float32)
-    for one, own, lengths, points in zip(between, rows, distances, at, strict=True):
-        one[np.ix_(own, own)] = _between(lengths, points)
     places = gather([one.box[points] for one, points in zip(prepared, at, strict=True)])
     mean_places = places.sum(0, dtype=np.float64) / has.sum(0)[:, None]
     gate = frame_gate(places[known].astype(np.float64), has[known], params)
@@ -89,12 +94,10 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
             ]
         ),
         "distances": between,
-        "features": gather(
-            [_features(shot, lengths, params.template) for shot, lengths in zip(shots, distances, strict=True)]
-        ),
+        "features": gather(keypoint_features),
         "turns": turns,
         "sides": sides,
-        "largest": np.array([lengths.largest for lengths in distances], np.float32),
+        "largest": largest,
         "occupancy": occupancies,
         "class_tokens": np.stack(tokens) if len(tokens) == len(shots) else None,
         "mean_features": looks,
@@ -109,10 +112,10 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "mask": params.template.mask,
         "descriptor": shots[0].features.descriptor,
     }
-    return _summed_up(observed, prepared)
+    return _summed_up(observed, prepared, tested)
 
 
-def _summed_up(observed: dict[str, Any], shots: Sequence[Prepared]) -> ShotModel:
+def _summed_up(observed: dict[str, Any], shots: Sequence[Prepared], tested: np.ndarray) -> ShotModel:
     """With what the observations come to where every shot counts alike, for people to look at, and with what they say
     of each other."""
     (s, k), d = observed["has"].shape, len(observed["mean"])
@@ -127,7 +130,7 @@ def _summed_up(observed: dict[str, Any], shots: Sequence[Prepared]) -> ShotModel
     }
     model = ShotModel(**observed, **nothing)
     all_alike = weighed(model, np.ones(s))
-    sure, near = held_out(model, shots, folds(model.has))
+    sure, near = held_out(model, shots, tested)
     said = np.isfinite(sure)
     sureness = fitted(sure[said], near[said], NEARNESS, weight=SHARE)
     return ShotModel(
@@ -147,9 +150,11 @@ def _prepared(shot: Shot, distances: Relative, params: LearnParams) -> Prepared:
     return prepare(shot.shape.points, features, distances, params.radii, shot.keypoints.ids, shot.at)
 
 
-def _features(shot: Shot, distances: Relative, template: Templates) -> np.ndarray:
-    """(g, channel) at the shot's keypoints, in the template's scale."""
-    own = scale_features(shot.features.features, template.features, shot.features.observed)[shot.at]
+def _features(shot: Shot, centred: np.ndarray, distances: Relative, template: Templates) -> np.ndarray:
+    """(g, channel) at the shot's keypoints, in the template's scale; centred (n, channel) is that of "centred-unit"."""
+    if template.features != "centred-unit":
+        centred = scale_features(shot.features.features, template.features, shot.features.observed)
+    own = centred[shot.at]
     if template.source_features == "keypoints" and len(shot.at):
         own = smooth_among(own, _between(distances, shot.at), template.source_sigma)
     return own

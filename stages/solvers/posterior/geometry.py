@@ -32,7 +32,7 @@ class Prepared:
     shift: np.ndarray
     """(n, 3 r) mean-shift vectors."""
     distances: np.ndarray
-    """(n, n) float32 geodesic distances over the shape's largest."""
+    """(n, n) float32 geodesic distances over the shape's largest; (0, n) where nothing is searched for on it."""
     diameter: float
     """That largest distance, in largest box sides."""
     ids: np.ndarray
