@@ -50,17 +50,22 @@ def near_mass(posterior: np.ndarray, target: Prepared, points: np.ndarray) -> np
 
 
 def unary_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
-    """(k, n) cost of each candidate by its looks. The more examples of an id, the more they say of it by themselves."""
+    """(k, n) cost of each candidate by itself: by its looks, and by where the surface around it lies."""
+    return shift_costs(learned, target, params) - looks(learned, target, params)
+
+
+def looks(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
+    """(k, n) how much each candidate looks like each keypoint, however the target is turned. The more examples of an
+    id, the more they say of it by themselves."""
     model = learned.model
     described = (descriptors(target, model.basis) - model.mean) / model.scale
     further = np.maximum(learned.counts - 1, 0)[:, None]
     plain = further / (further + params.plain_after)
     keypoint, identity = (plain + (1 - plain) * w for w in (params.keypoint_weight, params.identity_weight))
-    discriminants = keypoint * learned.keypoint + identity * learned.identity
-    return np.asarray(_shift_costs(learned, target, params) - discriminants @ described.T)
+    return np.asarray((keypoint * learned.keypoint + identity * learned.identity) @ described.T)
 
 
-def _shift_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
+def shift_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
     """(k, n). Before shots show otherwise, the horizontal shift is trusted only as far as the frame is."""
     gate = np.tile([learned.model.gate, 1.0, learned.model.gate], len(learned.model.radii))
     squares = params.shift_worth * params.shift_sd**2 * gate + learned.shift_squares

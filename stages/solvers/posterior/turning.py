@@ -10,7 +10,7 @@ import numpy as np
 from b23d.stages.solvers.likeness import occupancy, overlap
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared
 from b23d.stages.solvers.posterior.options import PosteriorParams
-from b23d.stages.solvers.posterior.predicting import mean_field, prior, unary_costs
+from b23d.stages.solvers.posterior.predicting import looks, mean_field, prior, shift_costs
 from b23d.stages.solvers.posterior.weighing import Weighed
 
 REFINED = 4  # local maxima of the first evidence that are followed up
@@ -63,7 +63,8 @@ def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InF
     )
     stands[0] += AS_IT_IS * alike
     stands += params.surface_weight * np.array([_overlap(learned, shape) for shape in candidates])
-    unaries = [unary_costs(learned, shape, params) for shape in candidates]
+    said = looks(learned, target, params)
+    unaries = [shift_costs(learned, shape, params) - said for shape in candidates]
     alone = [_evidence(learned, shape, unary) for shape, unary in zip(candidates, unaries, strict=True)]
     first = stands + np.array(alone) / params.temper
     peaks = np.flatnonzero((first >= np.roll(first, 1)) & (first >= np.roll(first, -1)))
