@@ -65,7 +65,7 @@ class RenderParams(Params):
     """Point clouds: neighbours that make a disc's plane and outline."""
 
 
-@stage(version=2)
+@stage(version=3)
 def render(normalize: NormalizedShape, params: RenderParams) -> Views:
     """Pictures, depth and face ids of a shape from all viewpoints, in the order of `ring_angles` or `fibonacci_angles`.
 

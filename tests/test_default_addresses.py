@@ -33,7 +33,8 @@ CHANGED = {
     "optimize": "version 7: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
     "concern the shots; predictions say how probable it is that they are right; places come from the shots most alike; "
     "where the surface lies tells a front",
-    "render": "version 2: of a cloud of over 100,000 points some are drawn; `rings` and `count` moved into "
+    "render": "version 3: of a cloud's points at one place one is drawn, of over 100,000 some; `rings` and "
+    "`count` moved into "
     "the layouts' tables",
     "train_head": "`hidden` and its `seed` moved into the table of the detector with a hidden layer",
 }

@@ -74,6 +74,16 @@ def test_a_large_cloud_is_drawn_from_some_of_its_points(monkeypatch: pytest.Monk
         assert found.observed.mean() > 0.95
 
 
+def test_a_cloud_with_every_point_several_times_looks_as_with_each_once() -> None:
+    params = RenderParams(rings={"count": 1}, resolution=64)
+    points = sphere(1000)
+    once, often = (of_cloud(cloud, count=64) for cloud in (points, np.concatenate([points] * 9)))
+    plain, copied = render(once, params), render(often, params)
+    assert (plain.face_ids >= 0).any()
+    np.testing.assert_array_equal(copied.face_ids, plain.face_ids)
+    np.testing.assert_array_equal(copied.images, plain.images)
+
+
 @pytest.mark.slow
 def test_16384_candidates() -> None:
     points = sphere(16_384)

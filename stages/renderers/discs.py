@@ -32,6 +32,8 @@ UNDERHANG = 0.97
 VOTERS = 8
 MOST = 100_000
 """Discs of one cloud: at this many they are about a pixel wide in a view of 224²."""
+ONE_PLACE = 1e-6
+"""Points nearer to each other than about this, in longest sides, are one: copies tell no spacing, and no surface."""
 BLOCK = 4096
 """Points at a time: memory stays bounded for large clouds."""
 
@@ -52,10 +54,13 @@ class Discs:
 
 
 def drawn_points(points: np.ndarray) -> np.ndarray:
-    """Which points (ascending indices) a cloud (n, 3) is drawn from: all, or a random `MOST`, always the same."""
-    if len(points) <= MOST:
-        return np.arange(len(points))
-    return np.sort(np.random.default_rng(0).choice(len(points), MOST, replace=False))
+    """Which points (ascending indices) a cloud (n, 3) is drawn from: all, or a random `MOST`, always the same; of
+    several at one place (merged scans) the first."""
+    chosen = np.arange(len(points))
+    if len(points) > MOST:
+        chosen = np.sort(np.random.default_rng(0).choice(len(points), MOST, replace=False))
+    cells = np.rint(points[chosen].astype(np.float64) / ONE_PLACE).astype(np.int64)
+    return np.asarray(chosen[np.sort(np.unique(cells, axis=0, return_index=True)[1])])
 
 
 def discs(points: np.ndarray, neighbours: int, radius: float) -> Discs:
