@@ -2,7 +2,7 @@
 random about the up axis, and turned and toppled among six axes, beside each other. One encoder, few small views.
 
     python tests/benchmarks/bench_turns.py [--classes chair …] [--count 16] [--draws 0 1 2] [--views few|default]
-                                           [--store FOLDER]
+                                           [--ways aligned turned …] [--store FOLDER]
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from b23d.schemas.up_axis import UP_AXES, to_y_up
 from b23d.stages.datasets.procedural import generated
 from b23d.stages.workbench.results.scores import run_scores
 
+WAYS = ("aligned", "turned", "toppled", "toppled-declared", "toppled-as-it-is")
 CLASSES = ("airplane", "chair", "mug", "table")
 RUN = """
 name = "{name}"
@@ -77,6 +78,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=16)
     parser.add_argument("--draws", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--views", choices=("few", "default"), default="few")
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--store", type=Path)
     options = parser.parse_args()
     names = [f"{category}/{i:02d}" for category in options.classes for i in range(options.count)]
@@ -89,20 +91,22 @@ def main() -> None:
         write(folder / "upright", dict.fromkeys(names, np.eye(3)), options.classes, options.count)
         write(folder / "toppled", toppled, options.classes, options.count)
         before: dict[str, float] = {}
-        for name, root, up, turn in (
-            ("aligned", "upright", '"y"', "0.0"),
-            ("turned", "upright", '"y"', '"random"'),
-            ("toppled, up found", "toppled", '"auto"', "0.0"),
-            ("toppled, up declared", "toppled", declared, "0.0"),
-            ("toppled, nothing done", "toppled", '"y"', "0.0"),
-        ):
+        ways = {
+            "aligned": ("upright", '"y"', "0.0"),
+            "turned": ("upright", '"y"', '"random"'),
+            "toppled": ("toppled", '"auto"', "0.0"),
+            "toppled-declared": ("toppled", declared, "0.0"),
+            "toppled-as-it-is": ("toppled", '"y"', "0.0"),
+        }
+        for name in options.ways:
+            root, up, turn = ways[name]
             path, store = (
                 folder / f"{name.replace(', ', '-').replace(' ', '-')}.toml",
                 options.store or folder / "store",
             )
             views = FEW if options.views == "few" else ""
             values = {"root": root, "up": up, "turn": turn, "draws": options.draws, "views": views, "store": store}
-            path.write_text(RUN.format(name=path.stem, **values))
+            path.write_text(RUN.format(name=name, **values))
             run = Run.load(path)
             report = run.execute(workers=0)
             for failure in report.failures:
@@ -111,7 +115,7 @@ def main() -> None:
                 pck = scores.pck.mean[-1]
                 before.setdefault(category, pck)
                 print(
-                    f"{name:<22} {category:<9} PCK {pck:.3f} ±{scores.pck.sd[-1]:.3f}, of aligned "
+                    f"{name:<17} {category:<9} PCK {pck:.3f} ±{scores.pck.sd[-1]:.3f}, of aligned "
                     f"{pck / before[category]:.2f}; symmetric {scores.symmetric_pck.mean[-1]:.3f}; "
                     f"AUC {scores.auc.mean:.3f} ±{scores.auc.sd:.3f}",
                     flush=True,
