@@ -1,5 +1,5 @@
 """What it costs that shapes do not stand alike: labelled PCK .10 and AUC of procedural classes as they are, turned at
-random about the up axis, and turned and toppled among six axes, beside each other. One encoder, few small views.
+random about the up axis, and turned and toppled among six axes, beside each other.
 
     python tests/benchmarks/bench_turns.py [--classes chair …] [--count 16] [--draws 0 1 2] [--views few|default]
                                            [--ways aligned turned …] [--store FOLDER]
@@ -100,10 +100,7 @@ def main() -> None:
         }
         for name in options.ways:
             root, up, turn = ways[name]
-            path, store = (
-                folder / f"{name.replace(', ', '-').replace(' ', '-')}.toml",
-                options.store or folder / "store",
-            )
+            path, store = folder / f"{name}.toml", options.store or folder / "store"
             views = FEW if options.views == "few" else ""
             values = {"root": root, "up": up, "turn": turn, "draws": options.draws, "views": views, "store": store}
             path.write_text(RUN.format(name=name, **values))
@@ -115,7 +112,7 @@ def main() -> None:
                 pck = scores.pck.mean[-1]
                 before.setdefault(category, pck)
                 print(
-                    f"{name:<17} {category:<9} PCK {pck:.3f} ±{scores.pck.sd[-1]:.3f}, of aligned "
+                    f"{name:<17} {category:<9} PCK {pck:.3f} ±{scores.pck.sd[-1]:.3f}, of {options.ways[0]} "
                     f"{pck / before[category]:.2f}; symmetric {scores.symmetric_pck.mean[-1]:.3f}; "
                     f"AUC {scores.auc.mean:.3f} ±{scores.auc.sd:.3f}",
                     flush=True,
