@@ -15,6 +15,7 @@ import trimesh
 import b23d
 from b23d.pipeline.run import Run
 from b23d.stages.datasets.given import arrays_of
+from b23d.stages.datasets.procedural.figures import WAVING, figure
 from b23d.stages.workbench.api.guard import unguarded_script
 from tests.small_runs import FAST, make_boxes
 from tests.small_runs import b23d as command
@@ -95,6 +96,20 @@ def test_a_shape_matches_itself_and_takes_its_own_colours(here: Path) -> None:
     assert found.mesh().vertices.shape == rough.vertices.shape
 
 
+def test_two_poses_match_as_bodies(here: Path) -> None:
+    """What corresponds is known: vertex i is the same place of the body in every pose."""
+    standing, waving = figure(), figure(WAVING)
+    a, b = ((solid.vertices, solid.faces) for solid in (standing, waving))
+    few = ["stages.normalize.count=500", "stages.render.rings.count=2"]
+    away = {
+        how: np.linalg.norm(b23d.match(a, b, method=how, overrides=few).points - waving.vertices, axis=1)  # type: ignore[arg-type]
+        for how in ("nearest", "smooth")
+    }
+    assert np.median(away["smooth"]) < 0.1 and away["smooth"].mean() < away["nearest"].mean()
+    with pytest.raises(ValueError, match="method: expected one of 'nearest', 'consistent', 'smooth', got 'looks'"):
+        b23d.match(a, b, method="looks")  # type: ignore[arg-type]
+
+
 def test_match_on_the_command_line(here: Path) -> None:
     for name, sides in (("a", (1, 2, 4)), ("b", (1.2, 2, 3.5))):
         trimesh.creation.box(sides).subdivide().export(here / f"{name}.ply")
@@ -105,7 +120,7 @@ def test_match_on_the_command_line(here: Path) -> None:
     np.testing.assert_allclose(painted.vertices, trimesh.load(here / "a.ply", process=False).vertices, atol=1e-6)
     page = (here / "new" / "painted.html").read_text()
     assert "colours of what looks alike" in page and "<script src=" not in page
-    command("match", "a.ply", "b.ply", "-o", "painted.glb", *sets)
+    command("match", "a.ply", "b.ply", "-o", "painted.glb", "--method", "consistent", *sets)
     with pytest.raises(ValueError, match=r"expected a file of \.ply or \.glb"):
         command("match", "a.ply", "b.ply", "-o", "painted.stl", *sets)
 

@@ -29,8 +29,8 @@ DENSE = 400
 class Spectrum(NamedTuple):
     values: np.ndarray
     """(k,) float64 eigenvalues of the unit-area surface, ascending from 0."""
-    squares: np.ndarray
-    """(n, k) float64 squared eigenfunctions at the points; each has mean 1 over the surface."""
+    functions: np.ndarray
+    """(n, k) float64 eigenfunctions at the points; the square of each has mean 1 over the surface."""
 
 
 def mesh_spectrum(
@@ -89,12 +89,12 @@ def wave_kernel_signature(spectrum: Spectrum, energies: int, width: float) -> np
     step = (logs[-1] - logs[0]) / (energies - 1 + 4 * width)
     at = logs[0] + step * (2 * width + np.arange(energies))
     exponents = -((at[:, None] - logs) ** 2) / (2 * (width * step) ** 2)
-    return _mixed(Spectrum(spectrum.values[waves], spectrum.squares[:, waves]), exponents)
+    return _mixed(Spectrum(spectrum.values[waves], spectrum.functions[:, waves]), exponents)
 
 
 def _mixed(spectrum: Spectrum, exponents: np.ndarray) -> np.ndarray:
     weights = np.exp(exponents - exponents.max(axis=1, keepdims=True))  # (t, k)
-    return spectrum.squares @ (weights / weights.sum(axis=1, keepdims=True)).T
+    return spectrum.functions**2 @ (weights / weights.sum(axis=1, keepdims=True)).T
 
 
 def _spectrum(stiffness: csc_matrix, mass: csc_matrix, at: np.ndarray, eigenpairs: int) -> Spectrum:
@@ -109,4 +109,4 @@ def _spectrum(stiffness: csc_matrix, mass: csc_matrix, at: np.ndarray, eigenpair
             stiffness.tocsc(), min(eigenpairs, count // 2), diags(areas).tocsc(), sigma=SHIFT, v0=start
         )
     order = values.argsort()
-    return Spectrum(np.maximum(values[order], 0), functions[at][:, order] ** 2)
+    return Spectrum(np.maximum(values[order], 0), functions[at][:, order])

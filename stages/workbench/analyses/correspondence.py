@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from b23d.stages.geometry.correspondence import consistent, cosines
+from b23d.stages.correspondence.matching import Method, correspond
+from b23d.stages.correspondence.surfaces import Surface
 from b23d.stages.workbench.analyses.drawing import finish
 from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result, classes_of
 from b23d.stages.workbench.pictures.palette import class_color
@@ -47,8 +48,9 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     return Result(
         "Dense correspondence", pd.DataFrame(rows),
         "error: mean distance along the surface between where a point is matched to and where it is, longest sides, "
-        "over points that views see; nearest: the most alike descriptor; consistent: with mutual distances, too; sides "
-        "exchanged: the point's mirror image counts as right, too (x = 0 of the first shape).",
+        "over points that views see; nearest: the most alike descriptor; consistent: with mutual distances and sides, "
+        "too; smooth: such a map, refined in the surface's own waves; sides exchanged: the point's mirror "
+        "image counts as right, too (x = 0 of the first shape).",
         [Chart(_figure(found), "Mean over pairs of the share of points within each error; dotted: sides exchanged.")],
     )  # fmt: skip
 
@@ -59,29 +61,30 @@ def _errors(part: ExecutedMember, category: str) -> Iterator[tuple[str, tuple[np
     if len(entries) < 2:
         raise ValueError(f"{category}: expected two shapes to match, got {len(entries)}; see what failed with b23d run")
     first, second = entries[:2]
-    (points, features, own, seen), (others, their_features, theirs, _) = (_read(entry) for entry in (first, second))
-    if len(points) != len(others):
+    (here, seen), (there, _) = (_read(entry) for entry in (first, second))
+    if len(here.points) != len(there.points):
         raise ValueError(
             f"{second.shape.name}: expected candidates that correspond to those of {first.shape.name}, got "
-            f'{len(others)} for {len(points)}; take a data set whose shapes do, as "pairs"'
+            f'{len(there.points)} for {len(here.points)}; take a data set whose shapes do, as "pairs"'
         )
     from scipy.spatial import cKDTree
 
-    image = cKDTree(points).query(points * np.array([-1.0, 1.0, 1.0]))[1]
-    alike = cosines(features, their_features)
-    for method, matched in (("nearest", alike.argmax(axis=1)), ("consistent", consistent(alike, own, theirs))):
-        plain = theirs[np.arange(len(points)), matched].astype(np.float64)
-        either = np.minimum(plain, theirs[image, matched])
+    image = cKDTree(here.points).query(here.points * np.array([-1.0, 1.0, 1.0]))[1]
+    for method in get_args(Method):
+        matched = correspond(here, there, method)
+        plain = there.distances[np.arange(len(here.points)), matched].astype(np.float64)
+        either = np.minimum(plain, there.distances[image, matched])
         yield method, (plain[seen], either[seen])
 
 
-def _read(entry: ShapeResults) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _read(entry: ShapeResults) -> tuple[Surface, np.ndarray]:
+    """A shape, and (n,) which of its points some view saw."""
     if entry.normalized is None or entry.features is None or entry.distances is None:
         raise ValueError(
             f"{entry.shape.name}: expected features and distances, got none; see what failed with b23d run"
         )
-    features = entry.features
-    return entry.normalized.points.astype(np.float64), features.features, entry.distances.distances, features.observed
+    points, distances = entry.normalized.points.astype(np.float64), entry.distances.distances
+    return Surface(points, entry.features.features, distances), entry.features.observed
 
 
 def _figure(found: MatchErrors) -> go.Figure:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from b23d.pipeline.config import load_config
 from b23d.pipeline.run import Run
-from b23d.schemas.features import PointFeatures
+from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.given import CATEGORY, GivenShapes
 
@@ -23,10 +23,12 @@ NEIGHBOURS = 4
 
 @dataclass(frozen=True)
 class DescribedShape:
-    """A shape with descriptors at its candidates."""
+    """A shape with descriptors at its candidates, and distances between them where they were asked for."""
 
     shape: NormalizedShape
     features: PointFeatures
+    distances: np.ndarray | None = None
+    """(n, n) along the surface, unit frame."""
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """(n, channel) float32 at places (n, 3) of the unit frame, by inverse distance from the nearest candidates."""
@@ -66,10 +68,16 @@ def features(
 
 
 def describe(
-    things: dict[str, Any], encoder: str | None = None, overrides: Iterable[str] = (), store: str | None = None
+    things: dict[str, Any],
+    encoder: str | None = None,
+    overrides: Iterable[str] = (),
+    store: str | None = None,
+    distances: bool = False,
 ) -> list[DescribedShape]:
-    """Shapes with their descriptors, of what `GivenShapes.of` takes; made where need be. Raises as `features`."""
-    run = given_run(things, encoder, overrides, store)
+    """Shapes with their descriptors (and mutual distances), of what `GivenShapes.of` takes; made where need be. Raises
+    as `features`."""
+    wanted = ['outputs=["reweight", "geodesic"]'] if distances else []
+    run = given_run(things, encoder, [*wanted, *overrides], store)
     report = run.execute(workers=0)
     if report.failures:
         raise RuntimeError("\n".join(failure.error for failure in report.failures))
@@ -78,8 +86,14 @@ def describe(
         shape = run.artifact(f"{CATEGORY}/{name}", "normalize")
         made = run.artifact(f"{CATEGORY}/{name}", "reweight")
         assert isinstance(shape, NormalizedShape) and isinstance(made, PointFeatures)
-        found.append(DescribedShape(shape, made))
+        found.append(DescribedShape(shape, made, _distances(run, f"{CATEGORY}/{name}") if distances else None))
     return found
+
+
+def _distances(run: Run, name: str) -> np.ndarray:
+    found = run.artifact(name, "geodesic")
+    assert isinstance(found, GeodesicDistances)
+    return found.distances
 
 
 def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[str], store: str | None) -> Run:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from b23d.schemas.shape import NormalizedShape
+from b23d.stages.correspondence.matching import Method, check_method, correspond
+from b23d.stages.correspondence.surfaces import Surface, centred
 from b23d.stages.workbench.api.features import DescribedShape, describe
 from b23d.stages.workbench.pictures.frames import in_frame, sampled
 from b23d.stages.workbench.pictures.solids import SceneObject, write_glb, write_ply
@@ -66,19 +68,24 @@ def match(
     a: Any,
     b: Any,
     *,
+    method: Method = "nearest",
     encoder: str | None = None,
     overrides: Iterable[str] = (),
     store: str | None = None,
 ) -> Match:
-    """For each vertex of a (point, where it is a cloud) the nearest candidate of b by descriptor.
+    """For each vertex of a (point, where it is a cloud) a candidate of b.
 
     a, b and the other arguments as `b23d.features` takes them. Descriptors are centred by each shape's own mean, since
-    what two shapes differ in as wholes tells nothing of their parts. Matches are looks alone: left and right of a
-    symmetric shape look alike. Raises as `b23d.features`.
+    what two shapes differ in as wholes tells nothing of their parts.
+
+    method "nearest": the most alike descriptor; left and right of a symmetric shape look alike. "consistent" and
+    "smooth" also keep mutual distances and tell left from right, candidate by candidate of a; "smooth" makes one smooth
+    map of it, for two poses or builds of one kind of body. Raises as `b23d.features`, and ValueError for other methods.
     """
-    first, second = describe({"a": a, "b": b}, encoder, overrides, store)
+    check_method(method)
+    first, second = describe({"a": a, "b": b}, encoder, overrides, store, distances=method != "nearest")
     own = candidate_colors(second.shape)
-    nearest, similarity = alike(first, second)
+    nearest, similarity = alike(first, second) if method == "nearest" else carried(first, second, method)
     points = in_frame(second.shape.points[nearest], second.shape, "file")
     return Match(first.shape, second.shape, points, similarity, own[nearest], own)
 
@@ -95,6 +102,18 @@ def alike(a: DescribedShape, b: DescribedShape) -> tuple[np.ndarray, np.ndarray]
         nearest[rows] = cosine.argmax(axis=1)
         similarity[rows] = cosine.max(axis=1)
     return nearest, similarity
+
+
+def carried(a: DescribedShape, b: DescribedShape, method: Method) -> tuple[np.ndarray, np.ndarray]:
+    """(v,) the candidate of b that the candidate of a nearest to each vertex corresponds to, and their cosine."""
+    from scipy.spatial import cKDTree
+
+    surfaces = [Surface(each.shape.points, each.features.features, each.distances) for each in (a, b)]
+    matched = correspond(*surfaces, method)
+    theirs = centred(b.features.features)[matched]
+    similarity = (centred(a.features.features) * theirs).sum(axis=1)
+    at = cKDTree(a.shape.points).query(a.shape.vertices)[1]
+    return matched[at], similarity[at]
 
 
 def candidate_colors(shape: NormalizedShape) -> np.ndarray:

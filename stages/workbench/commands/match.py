@@ -25,6 +25,14 @@ def match(
         Path | None, typer.Option("--page", metavar="FILE.html", help="Both side by side. Default: beside the former.")
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = False,
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="nearest: what looks alike. consistent: mutual distances and left and right, too. smooth: one smooth "
+            "map, for two poses or builds of one kind of body.",
+        ),
+    ] = "nearest",
     encoder: Annotated[str | None, typer.Option("--encoder", help="As stages.extract.encoder.")] = None,
     set: Set = [],
     store: StoreUrl = None,
@@ -42,7 +50,7 @@ def match(
             f"-o {out}: expected a file of .ply or .glb, got {out.suffix or 'no suffix'!r}; change its name"
         )
     with console.status("describing both shapes"):
-        found = matched(a, b, encoder=encoder, overrides=set, store=store)
+        found = matched(a, b, method=method, encoder=encoder, overrides=set, store=store)
     found.write(out)
     page = page or out.with_suffix(".html")
     write_match_page(found, (a.name, b.name), page)

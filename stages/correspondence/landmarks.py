@@ -1,4 +1,4 @@
-"""Dense correspondence between two shapes: by looks alone, or by looks and mutual distances (the paper's D)."""
+"""Maps between two shapes by looks and mutual distances (the paper's D), from several starts."""
 
 from __future__ import annotations
 
@@ -12,39 +12,42 @@ ALPHA = 10.0
 """Weight of a difference of distances, in longest sides, against one of cosines."""
 CLIP = 0.2
 """Larger differences of distances count as this: poses change some, and other builds all."""
+BEST = 3
+"""Starts that are followed up."""
 SWEEPS, ROUNDS = 4, 2
 ROWS = 256
 
 
-def cosines(own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """(n, m) float32 cosine of descriptors (n, channel) and (m, channel), each less its shape's mean."""
-    first, second = (each.astype(np.float32) - each.mean(axis=0, dtype=np.float32) for each in (own, theirs))
-    lengths = [np.maximum(np.linalg.norm(each, axis=1, keepdims=True), 1e-9) for each in (first, second)]
-    found: np.ndarray = (first / lengths[0]) @ (second / lengths[1]).T
-    return found
+def guesses(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """Costs and (n,) maps, the least first: for each point of one shape the point of the other, such that points look
+    alike and lie as far from matched landmarks as they do here. Those of the best few starts.
 
-
-def consistent(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """(n,) the point of the other shape for each point of one, such that points look alike and lie as far from matched
-    landmarks as they do here.
-
-    `alike` (n, m) cosines; `own` (n, n) and `theirs` (m, m) distances along the surfaces, unit frames. Landmarks are
-    matched one after another from several starts, then improved in turn; the start of the least cost wins. Shapes that
-    are their own mirror images in all distances may still be matched to the mirror image, but then as a whole.
+    `alike` (n, m) likeness; `own` (n, n) and `theirs` (m, m) distances along the surfaces, unit frames. Landmarks are
+    matched one after another, then improved in turn.
     """
-    own, theirs = own.astype(np.float32), theirs.astype(np.float32)
-    at = _spread(own, min(LANDMARKS, len(own)))
+    at = spread(own, min(LANDMARKS, len(own)))
     looks, between = alike[at], own[np.ix_(at, at)]
-    tried = [_matched(looks, between, theirs, start) for start in _starts(looks[0], theirs)]
-    matched = min(tried, key=lambda found: found[0])[1]
-    found = alike.argmax(axis=1)
-    for _ in range(ROUNDS):
-        found = _dense(alike, own[:, at], theirs[:, matched])
-        matched = found[at]
-    return found
+    tried = {matched.tobytes(): (value, matched) for start in _starts(looks[0], theirs)
+             for value, matched in (_matched(looks, between, theirs, start),)}  # fmt: skip
+    found = []
+    for _, matched in sorted(tried.values(), key=lambda guess: guess[0])[:BEST]:
+        for _ in range(ROUNDS):
+            dense = _dense(alike, own[:, at], theirs[:, matched])
+            matched = dense[at]
+        found.append((cost(dense, alike, own, theirs), dense))
+    return sorted(found, key=lambda guess: guess[0])
 
 
-def _spread(distances: np.ndarray, count: int) -> np.ndarray:
+def cost(matched: np.ndarray, alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> float:
+    """Of a map (n,): how far landmarks' mutual distances change, how little points are alike, and how little of the
+    other shape is reached."""
+    at = spread(own, min(LANDMARKS, len(own)))
+    differ = np.minimum(np.abs(own[np.ix_(at, at)] - theirs[np.ix_(matched[at], matched[at])]), CLIP)
+    reached = len(np.unique(matched)) / len(matched)
+    return float(ALPHA * differ.mean() - alike[np.arange(len(matched)), matched].mean() - reached)
+
+
+def spread(distances: np.ndarray, count: int) -> np.ndarray:
     """(count,) farthest points by (n, n) distances, from the one that is farthest from the first."""
     chosen = [int(distances[0].argmax())]
     nearest = distances[chosen[0]].copy()

@@ -1,0 +1,1 @@
+"""Dense correspondence between two shapes: which point of one is which of the other."""

@@ -1,0 +1,37 @@
+"""What correspondence needs to know of a shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Surface:
+    """n candidates of one shape, in its unit frame."""
+
+    points: np.ndarray
+    """(n, 3)."""
+    features: np.ndarray
+    """(n, channel)."""
+    distances: np.ndarray
+    """(n, n) along the surface; +inf where no path joins two."""
+
+    def reach(self) -> np.ndarray:
+        """(n, n) float32 distances; where no path joins two, the largest there is."""
+        known = np.isfinite(self.distances)
+        return np.where(known, self.distances, self.distances[known].max()).astype(np.float32)
+
+
+def cosines(own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """(n, m) float32 cosine of descriptors (n, channel) and (m, channel), each less its shape's mean."""
+    found: np.ndarray = centred(own) @ centred(theirs).T
+    return found
+
+
+def centred(features: np.ndarray) -> np.ndarray:
+    """(n, channel) float32 less their mean, of unit length."""
+    away = features.astype(np.float32) - features.mean(axis=0, dtype=np.float32)
+    found: np.ndarray = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    return found
