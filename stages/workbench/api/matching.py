@@ -108,12 +108,16 @@ def carried(a: DescribedShape, b: DescribedShape, method: Method) -> tuple[np.nd
     """(v,) the candidate of b that the candidate of a nearest to each vertex corresponds to, and their cosine."""
     from scipy.spatial import cKDTree
 
-    surfaces = [Surface(each.shape.points, each.features.features, each.distances) for each in (a, b)]
-    matched = correspond(*surfaces, method)
+    matched = correspond(_surface(a), _surface(b), method)
     theirs = centred(b.features.features)[matched]
     similarity = (centred(a.features.features) * theirs).sum(axis=1)
     at = cKDTree(a.shape.points).query(a.shape.vertices)[1]
     return matched[at], similarity[at]
+
+
+def _surface(described: DescribedShape) -> Surface:
+    assert described.distances is not None
+    return Surface(described.shape.points, described.features.features, described.distances)
 
 
 def candidate_colors(shape: NormalizedShape) -> np.ndarray:

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from b23d.pipeline.verbs.options import Set, StoreUrl
+from b23d.stages.correspondence.matching import Method
 
 
 def match(
@@ -26,7 +27,7 @@ def match(
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = False,
     method: Annotated[
-        str,
+        Method,
         typer.Option(
             "--method",
             help="nearest: what looks alike. consistent: mutual distances and left and right, too. smooth: one smooth "
