@@ -13,7 +13,7 @@ from b23d.stages.correspondence.functional import eigenfunctions, refined
 from b23d.stages.correspondence.landmarks import guesses
 from b23d.stages.correspondence.matching import correspond
 from b23d.stages.correspondence.sides import side_channels
-from b23d.stages.correspondence.surfaces import Surface, cosines
+from b23d.stages.correspondence.surfaces import FeaturedSurface, cosines
 from b23d.stages.datasets.procedural.figures import CHILD, WALKING, WAVING, figure
 
 rng = np.random.default_rng(0)
@@ -21,20 +21,20 @@ POINTS = rng.uniform(size=(150, 3)) * (1.0, 0.6, 0.3)
 FEATURES = rng.normal(size=(150, 8))
 
 
-def ellipsoid(n: int = 400) -> Surface:
+def ellipsoid(n: int = 400) -> FeaturedSurface:
     """With a feature that grows upwards, one that grows to the front, and one that does not tell left from right."""
     turn, height = np.pi * (1 + 5**0.5) * np.arange(n), 1 - (2 * np.arange(n) + 1) / n
     across = np.sqrt(1 - height**2)
     points = np.stack([0.3 * across * np.cos(turn), 0.5 * height, 0.4 * across * np.sin(turn)], axis=1)
     x, y, z = points.T
-    return Surface(points, np.stack([y, z, np.abs(x), y * z], axis=1), cdist(points, points))
+    return FeaturedSurface(points, np.stack([y, z, np.abs(x), y * z], axis=1), cdist(points, points))
 
 
 @pytest.mark.parametrize("method", ["nearest", "consistent", "smooth"])
 def test_a_shape_matches_itself_in_any_order(method: str) -> None:
     shape = replace(ellipsoid(), features=rng.normal(size=(400, 8)))
     order = rng.permutation(400)
-    other = Surface(shape.points[order], shape.features[order], shape.distances[np.ix_(order, order)])
+    other = FeaturedSurface(shape.points[order], shape.features[order], shape.distances[np.ix_(order, order)])
     found = correspond(shape, other, method)  # type: ignore[arg-type]
     assert (order[found] == np.arange(400)).all()
 
@@ -63,7 +63,7 @@ def test_a_mirror_negates_sides_and_a_turn_keeps_them() -> None:
 def test_left_is_told_from_right_where_looks_and_distances_do_not() -> None:
     shape = ellipsoid()
     order = rng.permutation(400)
-    other = Surface(
+    other = FeaturedSurface(
         Rotation.from_euler("y", 100, degrees=True).apply(shape.points)[order],
         shape.features[order], shape.distances[np.ix_(order, order)],
     )  # fmt: skip
@@ -85,7 +85,7 @@ def test_refinement_mends_a_rough_map_and_keeps_the_identity() -> None:
 def test_unconnected_points_are_far_but_not_infinitely() -> None:
     distances = cdist(POINTS, POINTS)
     distances[:75, 75:] = distances[75:, :75] = np.inf
-    reach = Surface(POINTS, FEATURES, distances).reach()
+    reach = FeaturedSurface(POINTS, FEATURES, distances).reach()
     assert np.isfinite(reach).all() and reach[0, 100] == np.float32(distances[np.isfinite(distances)].max())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from b23d.stages.correspondence.functional import eigenfunctions, refined
 from b23d.stages.correspondence.landmarks import cost, guesses
 from b23d.stages.correspondence.sides import side_channels
-from b23d.stages.correspondence.surfaces import Surface, cosines
+from b23d.stages.correspondence.surfaces import FeaturedSurface, cosines
 
 Method = Literal["nearest", "consistent", "smooth"]
 SIDES = 0.2
@@ -23,7 +23,7 @@ def check_method(method: str) -> None:
         raise ValueError(f"method: expected one of {known}, got {method!r}; choose one of them")
 
 
-def correspond(first: Surface, second: Surface, method: Method) -> np.ndarray:
+def correspond(first: FeaturedSurface, second: FeaturedSurface, method: Method) -> np.ndarray:
     """(n,) candidates of the second shape, for each of the first's.
 
     "nearest": of the most alike feature. "consistent": alike in feature and side, and as far from matched landmarks as

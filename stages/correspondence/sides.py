@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from b23d.stages.correspondence.surfaces import Surface, centred
+from b23d.stages.correspondence.surfaces import FeaturedSurface, centred
 
 COMPONENTS = 5
 """Principal components of both shapes' features whose pairs are compared."""
@@ -20,7 +20,7 @@ GRADIENT, SMOOTHING, DEPTH = 0.05, 0.05, 0.04
 in space whose middle lies inside the surface."""
 
 
-def side_channels(first: Surface, second: Surface) -> tuple[np.ndarray, np.ndarray]:
+def side_channels(first: FeaturedSurface, second: FeaturedSurface) -> tuple[np.ndarray, np.ndarray]:
     """(n, pair) and (m, pair) float32: for each pair of feature components, how far the second grows to the left of
     where the first grows, seen from inside. A shape's mirror image has them negated; turned, they stay. The mean square
     of the first shape's, summed over pairs, is 1."""
@@ -31,7 +31,7 @@ def side_channels(first: Surface, second: Surface) -> tuple[np.ndarray, np.ndarr
     return (own / scale).astype(np.float32), (theirs / scale).astype(np.float32)
 
 
-def _sides(shape: Surface, values: np.ndarray) -> np.ndarray:
+def _sides(shape: FeaturedSurface, values: np.ndarray) -> np.ndarray:
     """(n, pair) of values (n, c)."""
     reach, points = shape.reach(), shape.points.astype(np.float64)
     near = _weights(reach, GRADIENT)

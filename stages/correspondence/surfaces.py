@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Surface:
+class FeaturedSurface:
     """n candidates of one shape, in its unit frame."""
 
     points: np.ndarray

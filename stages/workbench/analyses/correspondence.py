@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from b23d.stages.correspondence.matching import Method, correspond
-from b23d.stages.correspondence.surfaces import Surface
+from b23d.stages.correspondence.surfaces import FeaturedSurface
 from b23d.stages.workbench.analyses.drawing import finish
 from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result, classes_of
 from b23d.stages.workbench.pictures.palette import class_color
@@ -77,14 +77,14 @@ def _errors(part: ExecutedMember, category: str) -> Iterator[tuple[str, tuple[np
         yield method, (plain[seen], either[seen])
 
 
-def _read(entry: ShapeResults) -> tuple[Surface, np.ndarray]:
+def _read(entry: ShapeResults) -> tuple[FeaturedSurface, np.ndarray]:
     """A shape, and (n,) which of its points some view saw."""
     if entry.normalized is None or entry.features is None or entry.distances is None:
         raise ValueError(
             f"{entry.shape.name}: expected features and distances, got none; see what failed with b23d run"
         )
     points, distances = entry.normalized.points.astype(np.float64), entry.distances.distances
-    return Surface(points, entry.features.features, distances), entry.features.observed
+    return FeaturedSurface(points, entry.features.features, distances), entry.features.observed
 
 
 def _figure(found: MatchErrors) -> go.Figure:

@@ -11,7 +11,7 @@ import numpy as np
 
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.correspondence.matching import Method, check_method, correspond
-from b23d.stages.correspondence.surfaces import Surface, centred
+from b23d.stages.correspondence.surfaces import FeaturedSurface, centred
 from b23d.stages.workbench.api.features import DescribedShape, describe
 from b23d.stages.workbench.pictures.frames import in_frame, sampled
 from b23d.stages.workbench.pictures.solids import SceneObject, write_glb, write_ply
@@ -115,9 +115,9 @@ def carried(a: DescribedShape, b: DescribedShape, method: Method) -> tuple[np.nd
     return matched[at], similarity[at]
 
 
-def _surface(described: DescribedShape) -> Surface:
+def _surface(described: DescribedShape) -> FeaturedSurface:
     assert described.distances is not None
-    return Surface(described.shape.points, described.features.features, described.distances)
+    return FeaturedSurface(described.shape.points, described.features.features, described.distances)
 
 
 def candidate_colors(shape: NormalizedShape) -> np.ndarray:
