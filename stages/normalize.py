@@ -59,7 +59,7 @@ class NormalizeParams(Params):
     """Read colours and textures. Without, every shape is plain grey, and texture files that fail cannot hurt."""
 
 
-@stage(version=4, hints=Hints(memory_gb=0.5))
+@stage(version=5, hints=Hints(memory_gb=0.5))
 def normalize(source: Source, params: NormalizeParams, orient: Orientation | None = None) -> NormalizedShape:
     """Read, set upright (the source's `up` axis, or the one that `orient` found, becomes +y), clean, move to the unit
     frame, and choose candidates.

@@ -27,7 +27,7 @@ CHANGED = {
     "geodesic": "version 3: components are joined all along the gaps between them; landmarks stand for more than 8,192 "
     "candidates; the options moved into the methods' tables",
     "import_predictions": "`spacing` and `origin` moved into the table of the one format that uses them",
-    "normalize": "version 4: stray points and specks are left out, and `stray` is new; clouds of over 4,096 points are "
+    "normalize": "version 5: stray points and specks are left out, and `stray` is new; clouds of over 4,096 points are "
     "sampled, it was 8,192; concave polygons, glTF and text files are read otherwise; `watertight_resolution` dropped "
     "where nothing is made watertight",
     "optimize": "version 7: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "

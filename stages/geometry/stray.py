@@ -15,8 +15,9 @@ MOST = 0.05
 """Where more than this would be stray together, nothing is."""
 GAP = 0.03
 """Stray faces are farther than this from the rest, in longest sides."""
-SPECK = 0.02
-"""Faces that hang together and reach no farther than this, in longest sides, are stray wherever they are, if alone."""
+SPECK, CLEAR = 0.02, 0.015
+"""Faces that hang together and reach no farther than this, and are farther than that from the rest, in longest sides,
+are stray wherever they are, if alone."""
 FEWEST, ENOUGH = 1000, 4096
 """Of fewer points in a cloud, distances to neighbours do not tell a stray one from a thin place; of fewer than
 `ENOUGH`, only where the box shrinks without them."""
@@ -107,10 +108,12 @@ def stray_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     distance = tree.query(vertices[faces[small]].reshape(-1, 3))[0].reshape(-1, 3).min(axis=1)
     nearest = np.full(int(group.max()) + 1, np.inf)
     np.minimum.at(nearest, group[small], distance)
-    far = small & (nearest[group] > GAP)
-    if far.any() and not _shrinks(vertices[faces], vertices[faces[~far]]):
-        far[far] = _specks(vertices[faces[far]], np.unique(group[far], return_inverse=True)[1].ravel())
-    return far
+    far, clear = small & (nearest[group] > GAP), small & (nearest[group] > CLEAR)
+    if far.any() and _shrinks(vertices[faces], vertices[faces[~far]]):
+        return far
+    if clear.any():
+        clear[clear] = _specks(vertices[faces[clear]], np.unique(group[clear], return_inverse=True)[1].ravel())
+    return clear
 
 
 def _small(group: np.ndarray, shares: np.ndarray) -> np.ndarray:
