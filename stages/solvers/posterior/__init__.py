@@ -6,6 +6,6 @@ they are, and which there are, is expected from the shots most like the target; 
 posterior expects most hits, not at its mode.
 
 On KeypointNet's bathtubs and beds (3 draws, saliency ViT-S/14), against one mean of all shots for all targets, AUC is
-.58 from .54 with 10 shots, .64 from .56 with 25, .67 from .60 with 50, and the same with three or fewer; on the
+.58 from .53 with 10 shots, .63 from .56 with 25, .67 from .60 with 50, and the same with three or fewer; on the
 procedural classes .70 from .66 with 3.
 """
