@@ -228,3 +228,34 @@ def test_damages_have_addresses_of_their_own() -> None:
     assert address(listed(kind="holes", amount=0.1)[0], "source") == address(
         listed(kind="holes", amount=0.1, clean=0)[0], "source"
     )
+
+
+@pytest.mark.parametrize(
+    ("kind", "amount", "wanted"),
+    [
+        ("holes", 1, "below 1"), ("noise", 2, "from 0 to 1"), ("outliers", 10, "from 0 to 1"),
+        ("flying", 1.5, "from 0 to 1"), ("soup", 2, "from 0 to 1"), ("shuffled", 50, "from 0 to 1"),
+        ("decimated", 3, "of 4 or more"), ("uneven", 0.5, "of 1 or more"), ("scaled", 0, "of 1e-06 or more"),
+    ],
+)  # fmt: skip
+def test_an_amount_that_cannot_be_is_refused_at_once(kind: Any, amount: float, wanted: str) -> None:
+    with pytest.raises(ValueError, match=f"expected one {wanted} for '{kind}', got {amount:g}; set dataset.damage"):
+        ScanDamage(kind=kind, amount=amount)
+
+
+def test_what_cannot_be_damaged_so_is_told_by_its_name() -> None:
+    for damage, told in (
+        ({"kind": "soup", "amount": 0.5, "points": 50}, "expected a mesh to tear, got a cloud"),
+        ({"kind": "uneven", "amount": 1e12}, "expected at most 5,000,000 faces"),
+    ):
+        shape = listed(**damage)[0]
+        with pytest.raises(ValueError, match=f"{shape.name}: {damage['kind']}: {told}"):
+            read(shape.leaves["source"])
+
+
+@pytest.mark.parametrize(
+    "points", [np.eye(3)[:1] * np.linspace(0, 1, 20)[:, None], np.repeat(np.eye(3)[:2], 9, axis=0)]
+)
+def test_one_side_of_what_has_none_is_an_error(points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="expected points that the camera does not see edge-on"):
+        hurt(Scan(points, np.zeros((0, 3), np.int64)), "one-sided", 45.0)

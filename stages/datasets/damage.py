@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from b23d.pipeline.dataset import Dataset, Leaf, Shape
 from b23d.schemas.keypoints import Keypoints
@@ -34,6 +34,10 @@ GONE = 0.02
 """A keypoint is absent where the surface nearest to it is farther off than before by more than this, in sizes."""
 REMOVING = ("holes", "one-sided", "decimated")
 RANDOM = ("noise", "holes", "uneven", "outliers", "flying", "soup", "shuffled", "decimated")
+
+LEAST = {"decimated": 4.0, "uneven": 1.0, "scaled": 1e-6}
+MOST = dict.fromkeys(("noise", "holes", "outliers", "flying", "soup", "shuffled"), 1.0)
+"""What `amount` may be, where there is a limit; of holes, it has to be less."""
 
 
 class ScanDamage(Params):
@@ -59,6 +63,18 @@ class ScanDamage(Params):
     clean: int = Field(0, ge=0)
     """The first annotated shapes of each class, by name, that are not damaged: the data set's train split, all others
     its test split (`shots.split = "official"`). 0: all are damaged."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> ScanDamage:
+        low, high = LEAST.get(self.kind, 0.0), MOST.get(self.kind, float("inf"))
+        if not low <= self.amount <= high or (self.kind == "holes" and self.amount == high):
+            wanted = "below 1" if self.kind == "holes" else f"from {low:g} to {high:g}"
+            wanted = f"of {low:g} or more" if high == float("inf") else wanted
+            raise ValueError(
+                f"damage.amount: expected one {wanted} for {self.kind!r}, got {self.amount:g}; "
+                "set dataset.damage.amount"
+            )
+        return self
 
     def changes(self) -> bool:
         """Whether a shape is another than the data set's own."""
@@ -116,12 +132,16 @@ def _leaves(leaves: dict[str, Leaf], damage: ScanDamage) -> dict[str, Leaf]:
 
 
 def load_source(load: Load, files: dict[str, bytes], values: dict[str, Any]) -> Source:
-    """The damaged shape as a PLY. Raises ValueError, naming the shape, where the clean one cannot be read or nothing is
-    left of it."""
+    """The damaged shape as a PLY. Raises ValueError, naming the shape, where the clean one cannot be read, cannot be
+    damaged so, or nothing is left of it."""
     from b23d.stages.datasets.given import ply_bytes
 
     source: Source = load(files, {**values["of"], **values.get("context", {})})
-    scan = damaged_scan(clean_scan(source, values["damage"]), values["damage"])
+    clean = clean_scan(source, values["damage"])
+    try:
+        scan = damaged_scan(clean, values["damage"])
+    except ValueError as error:
+        raise ValueError(f"{source.shape}: {error}") from error
     upright = to_y_up(source.up or "y")
     if not len(scan.vertices):
         raise ValueError(

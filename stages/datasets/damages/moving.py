@@ -7,6 +7,9 @@ import numpy as np
 from b23d.schemas.shape import turned
 from b23d.stages.datasets.damages.scan import Scan, one_place
 
+MOST_FACES = 5_000_000
+"""Of what is cut finer: more would take memory, and show no more."""
+
 
 def noise(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
     """Every place moved along its normal by a normal deviate, of standard deviation `amount` sizes; vertices at one
@@ -17,15 +20,18 @@ def noise(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
 
 def uneven(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
     """`amount` (1 or more) times as many points at the front (-z) as at the back, exponentially less in between: a
-    cloud loses points; a mesh's front half is cut into smaller faces."""
-    if amount < 1:
-        raise ValueError(f"uneven: expected an amount of 1 or more, got {amount:g}; set dataset.damage.amount")
+    cloud loses points; a mesh's front half is cut into smaller faces. Raises ValueError where those were too many."""
     z = scan.places()[:, 2]
     back = (z - z.min()) / max(float(np.ptp(z)), 1e-300)  # 0 at the front, 1 at the back
     if not len(scan.faces):
         return scan.of(rng.random(len(z)) <= amount**-back)
     front, rest = scan.of(back < 0.5), scan.of(back >= 0.5)
     rounds = int(np.ceil(np.log(amount) / np.log(4)))
+    if (count := len(front.faces) * 4.0**rounds) > MOST_FACES:
+        raise ValueError(
+            f"uneven: expected at most {MOST_FACES:,} faces at the front, got {count:,.0f}; set a smaller "
+            "dataset.damage.amount"
+        )
     for _ in range(rounds):
         front = _quartered(front)
     return Scan(

@@ -23,8 +23,6 @@ AGGRESSIVENESS = (7, 4, 2, 1)
 
 def holes(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
     """Balls around random places of the surface cut out, one after another, until `amount` (below 1) of it is gone."""
-    if amount >= 1:
-        raise ValueError(f"holes: expected an amount below 1, got {amount:g}; set dataset.damage.amount")
     fine = scan.fine(SIDE * scan.size)
     places, weights, size = fine.places(), fine.weights(), scan.size
     there = np.ones(len(places), bool)
@@ -56,8 +54,6 @@ def one_sided(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
 def decimated(scan: Scan, amount: float, rng: np.random.Generator) -> Scan:
     """About `amount` faces, by collapsing edges of the least quadric error (Garland and Heckbert 1997), every part that
     hangs together by as much; of a cloud `amount` random points."""
-    if amount < 4:
-        raise ValueError(f"decimated: expected at least 4 faces or points, got {amount:g}; set dataset.damage.amount")
     if not len(scan.faces):
         count = min(int(amount), len(scan.vertices))
         return scan.of(np.sort(rng.choice(len(scan.vertices), count, replace=False)))
@@ -99,11 +95,20 @@ def _unhidden(scan: Scan, eye: np.ndarray) -> np.ndarray:
 
 
 def _on_top(points: np.ndarray) -> np.ndarray:
-    """(n,) bool: points (n, 3) that a camera at the origin sees, by hidden point removal (Katz, Tal and Basri 2007)."""
-    from scipy.spatial import ConvexHull
+    """(n,) bool: points (n, 3) that a camera at the origin sees, by hidden point removal (Katz, Tal and Basri 2007).
+
+    Raises ValueError where all are in one plane with the camera.
+    """
+    from scipy.spatial import ConvexHull, QhullError
 
     distance = np.linalg.norm(points, axis=1, keepdims=True)
     flipped = points / distance * (2 * FLIP * distance.max() - distance)
     seen = np.zeros(len(points) + 1, bool)
-    seen[ConvexHull(np.concatenate([flipped, np.zeros((1, 3))])).vertices] = True
+    try:
+        seen[ConvexHull(np.concatenate([flipped, np.zeros((1, 3))])).vertices] = True
+    except QhullError as error:
+        raise ValueError(
+            "one-sided: expected points that the camera does not see edge-on, got all in one plane with it; set "
+            "another dataset.damage.amount, or leave the shape out"
+        ) from error
     return seen[:-1]
