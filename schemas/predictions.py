@@ -28,7 +28,7 @@ class Prediction(Artifact):
     helped to fit. Of a trained head: its probability. None for methods that give none."""
     class_confidence: float | None = None
     """Probability that the target is of the shots' class, by what it looks like as a whole and where it has surface;
-    None where a single shot cannot tell, and from stages that do not judge it."""
+    None where a single shot, or copies of one, cannot tell, and from stages that do not judge it."""
     front_margin: float | None = None
     """Nats of evidence by which the turn about the up axis that the shape was given to stand as the shots do beats the
     next best. Near 0 it is a tie: the shape is symmetric as far as the shots tell. None where no turn was looked for,

@@ -135,3 +135,10 @@ def test_a_shape_of_the_class_is_one_and_one_shot_cannot_tell() -> None:
     strange = run((longer, other, *rest), shots, method="nearest").class_confidence  # type: ignore[arg-type]
     member = run(box_cloud(7), shots, method="nearest").class_confidence
     assert strange is not None and member is not None and strange < member
+
+
+def test_copies_of_a_shot_tell_no_more_of_a_class_than_it_does() -> None:
+    shots, target = [box_cloud(i) for i in range(3)], box_cloud(7)
+    assert run(target, [shots[0]] * 4).class_confidence is None
+    once, often = (run(target, [*shots, *more]).class_confidence for more in ([], [shots[0]] * 9))
+    assert once is not None and once == pytest.approx(often)
