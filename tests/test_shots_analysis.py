@@ -72,3 +72,17 @@ def test_counts_must_differ_and_leave_targets_in_common() -> None:
             analyse(parts, PARAMS)
     with pytest.raises(ValueError, match="no shot of any draw of up to 3 shots, got none"):
         analyse([FEW, member(3, {("cup/z", 0): 1})], PARAMS)
+
+
+def test_one_draw_tells_no_spread() -> None:
+    found = analyse([member(1, {("cup/a", 0): 2}), member(3, {("cup/a", 0): 5})], PARAMS)
+    assert found.table[["AUC sd", "PCK sd", "AUC more sd", "PCK more sd"]].isna().all(axis=None)
+    (block,) = found.blocks
+    assert isinstance(block, Chart) and block.caption.endswith("+0.300 AUC and +0.300 PCK (cup).")
+    assert not any(np.isnan(np.array(trace.y, float)).any() for trace in block.figure.data)
+
+
+def test_a_class_without_targets_in_common_is_named() -> None:
+    few, more = {("cup/a", 0): 2, ("jar/a", 0): 5}, {("cup/a", 0): 5}
+    assert analyse([member(1, few), member(3, more)], PARAMS).note.endswith("every row: jar.")
+    assert "Left out" not in analyse([FEW, MORE], PARAMS).note

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from b23d.schemas.scores import ClassScores, ShapeScore
 from b23d.stages.scoring.summary import score_table
 from b23d.stages.workbench.analyses.drawing import add_band, finish
-from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result
+from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result, classes_of
 from b23d.stages.workbench.pictures.palette import class_color
 
 MEAN = "mean"
@@ -49,7 +49,7 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
         "Does annotating more help?", table,
         "shots: annotated shapes of each class; every row is of the same targets, those that no row's shots are among. "
         "AUC: mean IoU over thresholds 0 … .10; PCK: keypoints whose own id is found within .10; ± sd over draws of "
-        "shots. more: what the row has over the one before, in the same draws.",
+        "shots. more: what the row has over the one before, in the same draws." + _left_out(parts, common),
         [Chart(_curves(table), _words(table))],
     )  # fmt: skip
 
@@ -65,6 +65,14 @@ def _scored(part: ExecutedMember) -> Scored:
         for attempt in entry.attempts
         if attempt.score is not None
     }
+
+
+def _left_out(parts: list[ExecutedMember], common: set[tuple[str, int, str]]) -> str:
+    """The classes that have no target in common, in words; nothing where there are none."""
+    shown = {category for category, _, _ in common}
+    missing = sorted({category for part in parts for category in classes_of(part)} - shown)
+    told = ", ".join(missing)
+    return f" Left out, as no target of theirs has a score in every row: {told}." if missing else ""
 
 
 def _figures(count: int, scored: Scored, common: set[tuple[str, int, str]]) -> pd.DataFrame:
@@ -104,14 +112,17 @@ def _table(each: pd.DataFrame, common: set[tuple[str, int, str]]) -> pd.DataFram
 
 
 def _sd(values: pd.Series) -> float:
-    return float(values.std(ddof=1)) if len(values) > 1 else 0.0
+    return float(values.std(ddof=1)) if len(values) > 1 else np.nan  # one draw tells no spread
 
 
 def _words(table: pd.DataFrame) -> str:
     """What the last step brought, by the mean or the only class."""
     rows = table[table["class"] == table["class"].iloc[-1]]
     before, last = rows.iloc[-2], rows.iloc[-1]
-    gains = " and ".join(f"{last[f'{name} more']:+.3f} ± {last[f'{name} more sd']:.3f} {name}" for name in FIGURES)
+    gains = " and ".join(
+        f"{last[f'{name} more']:+.3f}{'' if np.isnan(sd := last[f'{name} more sd']) else f' ± {sd:.3f}'} {name}"
+        for name in FIGURES
+    )
     return (
         f"Mean ± sd over draws of shots; solid: AUC, dotted: PCK. From {before['shots']} to {last['shots']} annotated "
         f"shapes of a class: {gains} ({last['class']})."
@@ -125,7 +136,12 @@ def _curves(table: pd.DataFrame) -> go.Figure:
         for name, dash in zip(FIGURES, ("solid", "dot"), strict=True):
             line = f"{category}, {name}"
             add_band(
-                figure, rows["shots"].to_numpy(), rows[name].to_numpy(), rows[f"{name} sd"].to_numpy(), line, color
+                figure,
+                rows["shots"].to_numpy(),
+                rows[name].to_numpy(),
+                rows[f"{name} sd"].fillna(0.0).to_numpy(),
+                line,
+                color,
             )
             figure.add_scatter(
                 x=rows["shots"].tolist(), y=rows[name].tolist(), name=line, legendgroup=line, mode="lines+markers",
