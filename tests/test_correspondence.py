@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from b23d.stages.correspondence.matching import correspond
 from b23d.stages.correspondence.sides import side_channels
 from b23d.stages.correspondence.surfaces import FeaturedSurface, cosines
 from b23d.stages.datasets.procedural.figures import CHILD, WALKING, WAVING, figure
+from b23d.stages.workbench.analyses.correspondence import Parameters, analyse
+from b23d.stages.workbench.analyses.interface import ExecutedMember
 
 rng = np.random.default_rng(0)
 POINTS = rng.uniform(size=(150, 3)) * (1.0, 0.6, 0.3)
@@ -99,3 +103,44 @@ def test_figures_correspond_and_stand_symmetrically(pose: object) -> None:
     one, two = (solid.vertices[standing.faces] for solid in (standing, figure(pose)))
     edges = [np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2) for corners in (one, two)]
     assert np.median(np.abs(edges[0] / edges[1] - 1)) < 0.1, "a pose keeps most lengths"
+
+
+LINE = np.linspace(0, 1, 20)[:, None] * (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "told"), [(np.repeat(POINTS[:7], 3, axis=0), "8 different points"), (LINE, "got all on a line")]
+)
+def test_what_has_no_surface_is_told_which_shape_it_is(points: np.ndarray, told: str) -> None:
+    whole = ellipsoid(60)
+    flat = FeaturedSurface(points, rng.normal(size=(len(points), 4)), cdist(points, points))
+    for pair, which in (((whole, flat), "second"), ((flat, whole), "first")):
+        with pytest.raises(ValueError, match=f"the {which} shape: cloud: expected .*{told}"):
+            correspond(*pair, "smooth")
+
+
+def pair_of(*found: tuple[str, FeaturedSurface | None]) -> ExecutedMember:
+    """Shapes, `class/name`, and what a run has of them; None: it failed beyond its candidates."""
+    part = ExecutedMember("features", "", cast(Any, None))
+    part.__dict__["entries"] = {
+        name: SimpleNamespace(
+            shape=SimpleNamespace(category=name.split("/")[0], name=name),
+            normalized=SimpleNamespace(points=POINTS),
+            features=one and SimpleNamespace(features=one.features, observed=np.ones(len(one.points), bool)),
+            distances=one and SimpleNamespace(distances=one.distances),
+        )
+        for name, one in found
+    }
+    return part
+
+
+def test_a_pair_that_failed_leaves_the_others() -> None:
+    apart = cdist(POINTS, POINTS)
+    apart[:75, 75:] = apart[75:, :75] = np.inf
+    good = FeaturedSurface(POINTS, FEATURES, apart)
+    part = pair_of(("a/0", good), ("a/1", good), ("b/0", good), ("b/1", None), ("c/0", good))
+    result = analyse([part], Parameters(kind="correspondence"))
+    assert set(result.table["pair"]) == {"a"} and np.isfinite(result.table["error"]).all()
+    assert "Left out: features: b/1: expected features" in result.note and "c: expected two shapes" in result.note
+    with pytest.raises(ValueError, match="b/1: expected features and distances, got none"):
+        analyse([pair_of(("b/0", good), ("b/1", None))], Parameters(kind="correspondence"))

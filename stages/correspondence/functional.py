@@ -14,7 +14,7 @@ FIRST, LAST, STEP = 20, 100, 8
 def eigenfunctions(points: np.ndarray) -> np.ndarray:
     """(n, LAST) of the Laplacian of the surface that points (n, 3) sample, ascending; fewer where there are few points.
 
-    Raises ValueError where there are fewer than eight places.
+    Raises ValueError where there are fewer than eight places, or they are on a line.
     """
     from b23d.stages.descriptors.spectral import cloud_spectrum
 

@@ -28,7 +28,8 @@ def correspond(first: FeaturedSurface, second: FeaturedSurface, method: Method) 
 
     "nearest": of the most alike feature. "consistent": alike in feature and side, and as far from matched landmarks as
     here. "smooth": the best of these, each made a smooth map; that is for shapes of one kind, whose surfaces are alike
-    as wholes. Raises ValueError for another method, and where a shape has fewer than eight different points.
+    as wholes. Raises ValueError for another method, and where a shape has fewer than eight different points, or all on
+    a line.
     """
     check_method(method)
     alike = cosines(first.features, second.features)
@@ -41,6 +42,13 @@ def correspond(first: FeaturedSurface, second: FeaturedSurface, method: Method) 
     found = guesses(alike, here, there)
     if method == "consistent":
         return found[0][1]
-    waves = eigenfunctions(first.points), eigenfunctions(second.points)
+    waves = _waves("the first shape", first), _waves("the second shape", second)
     smooth = [refined(guess, *waves) for _, guess in found]
     return min(smooth, key=lambda matched: cost(matched, alike, here, there))
+
+
+def _waves(which: str, shape: FeaturedSurface) -> np.ndarray:
+    try:
+        return eigenfunctions(shape.points)
+    except ValueError as error:
+        raise ValueError(f'{which}: {error}, or take method "consistent"') from error

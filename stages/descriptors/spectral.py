@@ -50,12 +50,16 @@ def mesh_spectrum(
 def cloud_spectrum(points: np.ndarray, eigenpairs: int) -> Spectrum:
     """The lowest part of the spectrum of the surface that points (n, 3) sample; coincident points count once.
 
-    Raises ValueError where there are fewer than eight places.
+    Raises ValueError where there are fewer than eight places, or they are on a line.
     """
     places, at = np.unique(points.astype(np.float64), axis=0, return_inverse=True)
     if len(places) < 8:
         raise ValueError(
             f"cloud: expected at least 8 different points for a Laplacian, got {len(places)}; use more candidates"
+        )
+    if np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-6 * np.ptp(places)) < 2:
+        raise ValueError(
+            "cloud: expected points of a surface for a Laplacian, got all on a line; give a surface's points"
         )
     stiffness, mass = point_cloud_laplacian(places, n_neighbors=min(NEIGHBORS, len(places) - 1))
     return _spectrum(stiffness, mass, at.ravel(), eigenpairs)

@@ -31,12 +31,17 @@ def needs(params: Parameters) -> list[str]:
 
 
 def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
-    """Raises ValueError where a class has no two shapes whose candidates correspond."""
+    """Raises ValueError where no class has two shapes whose candidates correspond."""
     found: MatchErrors = {}
+    failed: list[str] = []
     for part in parts:
         for category in classes_of(part):
-            for method, errors in _errors(part, category):
-                found[part.label, category, method] = errors
+            try:
+                found |= {(part.label, category, method): errors for method, errors in _errors(part, category)}
+            except ValueError as error:  # the other pairs are as good as they were
+                failed.append(f"{part.label}: {error}")
+    if not found:
+        raise ValueError("\n".join(failed) or "expected pairs of shapes, got none; see what failed with b23d run")
     rows = [
         {
             "descriptor": label, "pair": pair, "matches": method, "error": plain.mean(), "error sd": plain.std(),
@@ -50,7 +55,7 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
         "error: mean distance along the surface between where a point is matched to and where it is, longest sides, "
         "over points that views see; nearest: the most alike descriptor; consistent: with mutual distances and sides, "
         "too; smooth: such a map, refined in the surface's own waves; sides exchanged: the point's mirror "
-        "image counts as right, too (x = 0 of the first shape).",
+        "image counts as right, too (x = 0 of the first shape)." + "".join(f" Left out: {one}." for one in failed),
         [Chart(_figure(found), "Mean over pairs of the share of points within each error; dotted: sides exchanged.")],
     )  # fmt: skip
 
@@ -70,10 +75,11 @@ def _errors(part: ExecutedMember, category: str) -> Iterator[tuple[str, tuple[np
     from scipy.spatial import cKDTree
 
     image = cKDTree(here.points).query(here.points * np.array([-1.0, 1.0, 1.0]))[1]
+    apart = there.reach()
     for method in get_args(Method):
         matched = correspond(here, there, method)
-        plain = there.distances[np.arange(len(here.points)), matched].astype(np.float64)
-        either = np.minimum(plain, there.distances[image, matched])
+        plain = apart[np.arange(len(here.points)), matched].astype(np.float64)
+        either = np.minimum(plain, apart[image, matched])
         yield method, (plain[seen], either[seen])
 
 
