@@ -62,6 +62,7 @@ def test_a_cloud_has_a_descriptor_a_point(here: Path) -> None:
     ("thing", "error", "message"),
     [
         ("nowhere.ply", FileNotFoundError, "mesh: expected a mesh or cloud, got no file at"),
+        (".", FileNotFoundError, "mesh: expected a mesh or cloud, got a folder"),
         (np.zeros((4, 2)), ValueError, r"mesh: expected vertices \(v, 3\), got an array of shape \(4, 2\)"),
         ((np.zeros((3, 3)), np.array([[0, 1, 7]])), ValueError, "names? 3 vertices, got index 7"),
         (object(), TypeError, "mesh: expected a path, a mesh or arrays, got object"),

@@ -21,6 +21,7 @@ from b23d.stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
 from b23d.stages.workbench.commands.sweep import choose
 from b23d.stages.workbench.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison
 from b23d.stages.workbench.results.comparing import Comparison, System, compare
+from b23d.stages.workbench.results.scores import spread
 from tests.small_runs import FAST
 
 plug_in()
@@ -233,3 +234,7 @@ def test_names_are_escaped() -> None:
 def test_a_run_file_without_variants_compares_nothing(tmp_path: Path) -> None:
     assert members(Run.load(ROOT / "runs" / "demo.toml").config) == []
     assert Comparison([]).groups() == {}
+
+
+def test_one_draw_tells_no_spread() -> None:
+    assert spread(0.5, 0.0, 1) == "0.500" and spread(0.5, 0.01, 2) == "0.500 ± 0.010"

@@ -112,6 +112,7 @@ def test_diff_puts_two_runs_side_by_side(small: Path) -> None:
     b23d("run", str(small), "--set", "stages.optimize.method=nearest", "--workers", "0")
     output = b23d("diff", str(small), str(small), "--set2", "stages.optimize.method=nearest")
     assert "stages.optimize.method" in output and "nearest" in output and "moved" in output
+    assert "±" not in output, "one draw tells no spread"
 
 
 def test_transient_stages_give_the_same_predictions(small: Path, tmp_path: Path) -> None:

@@ -57,7 +57,8 @@ def _file(name: str, path: Path) -> Leaf:
     """As the folder data set reads it: the same file has the same address in both."""
     path = path.expanduser().resolve()
     if not path.is_file():
-        raise FileNotFoundError(f"{name}: expected a mesh or cloud, got no file at {path}; give the path of one")
+        what = "a folder" if path.is_dir() else "no file at"
+        raise FileNotFoundError(f"{name}: expected a mesh or cloud, got {what} {path}; give the path of one")
     suffix = path.suffix.lower()
     if suffix not in MESH_SUFFIXES + CLOUD_SUFFIXES:
         formats = " ".join((*MESH_SUFFIXES, *CLOUD_SUFFIXES))

@@ -177,11 +177,11 @@ def _losses(targets: Mapping[tuple[str, int], Judged], radius: float) -> pd.Seri
 def _row(targets: Targets, radius: float) -> dict[str, object]:
     draws = sorted({draw for _, draw in targets})
     each = pd.DataFrame([_means([t for (_, d), t in targets.items() if d == draw], radius) for draw in draws])
-    mean, sd = each.mean(), each.std(ddof=1).fillna(0.0)
+    mean, sd = each.mean(), each.std(ddof=1)  # NaN where one draw tells no spread
     return {
         "AUC": mean["auc"], "AUC sd": sd["auc"], "PCK": mean["pck"], "PCK sd": sd["pck"], "clean": mean["clean"],
-        "change": mean["pck"] - mean["clean"], "change sd": (each["pck"] - each["clean"]).std(ddof=1) if len(each) > 1
-        else 0.0, "left": mean["left"], "shapes": len({name for name, _ in targets}),
+        "change": mean["pck"] - mean["clean"], "change sd": (each["pck"] - each["clean"]).std(ddof=1),
+        "left": mean["left"], "shapes": len({name for name, _ in targets}),
     }  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from b23d.pipeline.run import Run
 from b23d.schemas.params import flat
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
-from b23d.stages.workbench.results.scores import run_scores
+from b23d.stages.workbench.results.scores import run_scores, spread
 
 
 def parameters(run: Run) -> dict[str, Any]:
@@ -52,7 +52,7 @@ def score_table(one: Run, two: Run) -> Table:
         figures.append(("PCK", a.pck.mean[-1], a.pck.sd[-1], b.pck.mean[-1], b.pck.sd[-1]))
         for figure, mean1, sd1, mean2, sd2 in figures:
             table.add_row(
-                escape(name), figure, f"{mean1:.3f} ± {sd1:.3f}", f"{mean2:.3f} ± {sd2:.3f}", f"{mean2 - mean1:+.3f}"
+                escape(name), figure, spread(mean1, sd1, a.draws), spread(mean2, sd2, b.draws), f"{mean2 - mean1:+.3f}"
             )
     return table
 

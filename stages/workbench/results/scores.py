@@ -21,6 +21,11 @@ def run_scores(run: Run, selection: Selection = EVERYTHING) -> ScoreTable:
     return score_table(run.name, rows[0][3].protocol, rows)
 
 
+def spread(mean: float, sd: float, draws: int) -> str:
+    """Mean ± sd over draws; the figure alone of one draw, which tells no spread."""
+    return f"{mean:.3f} ± {sd:.3f}" if draws > 1 else f"{mean:.3f}"
+
+
 def coverage(run: Run, stage: str, selection: Selection = EVERYTHING) -> str:
     """ "3 of 5 targets" where a stage has made fewer of the selected ones than the run wants; "" where it has all."""
     wanted = {(shape, draw) for name, shape, draw in run.plan().by_shape if name == stage}

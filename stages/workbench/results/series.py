@@ -15,6 +15,7 @@ from rich.table import Table
 from b23d.pipeline.members import Member
 from b23d.pipeline.run import Run
 from b23d.pipeline.selection import Selection
+from b23d.stages.workbench.results.scores import spread
 
 if TYPE_CHECKING:
     from b23d.schemas.scores import ClassScores, ScoreTable
@@ -81,7 +82,7 @@ def series_table(title: str, found: list[tuple[str, ScoreTable]]) -> Table:
         each = [f"{scores.classes[name].auc.mean:.3f}" for name in classes]
         at = [f"{_at(mean, threshold):.3f}" for threshold in (0.02, 0.05, 0.10)]
         table.add_row(
-            escape(label), *at, f"{mean.auc.mean:.3f} ± {mean.auc.sd:.3f}", delta, f"{mean.pck.mean[-1]:.3f}", *each
+            escape(label), *at, spread(mean.auc.mean, mean.auc.sd, mean.draws), delta, f"{mean.pck.mean[-1]:.3f}", *each
         )
         last = mean.auc.mean
     return table
