@@ -55,8 +55,8 @@ class Templates(Params):
 
 
 class LearnParams(Params):
-    """Constants of the posterior method's model, chosen on KeypointNet's bathtubs alone, then left as they are for
-    every class; and the template of the paper's objective."""
+    """Constants of the posterior method's model, chosen on KeypointNet's bathtubs and beds, then left as they are
+    for every class; and the template of the paper's objective."""
 
     components: int = Field(48, ge=1)
     """Principal directions of the shots' features that the discriminant sees."""
