@@ -197,10 +197,12 @@ def _closed(result: Clean, resolution: int) -> Clean:
 def _cloud(shape: str, cloud: Cloud, params: NormalizeParams) -> NormalizedShape:
     from b23d.stages.geometry.cleaning import Frame, check_frame
     from b23d.stages.geometry.sampling import farthest_points
-    from b23d.stages.geometry.stray import stray_points
+    from b23d.stages.geometry.stray import MOST, stray_points
 
     frame, points, strays = check_frame(Frame.around(cloud.points), shape), cloud.points, 0
     while params.stray == "drop" and (stray := stray_points(frame.unit(points))).any():
+        if strays + stray.sum() > MOST * len(points):
+            break
         strays += int(stray.sum())
         points = _elsewhere(points, stray)
         frame = check_frame(Frame.around(points), shape)

@@ -86,6 +86,30 @@ def test_points_fly_a_cable_does_not_however_few_its_points(spacing: float) -> N
     )
 
 
+@pytest.mark.parametrize("a_leg", [15, 25, 60])
+def test_legs_that_a_scanner_saw_few_points_of_stay(a_leg: int) -> None:
+    random = np.random.default_rng(a_leg)
+    top = random.uniform((0, 0.98, 0), (1, 1, 1), (10_000, 3))
+    legs = [
+        np.array([x, 0, z]) + random.uniform((0, 0, 0), (0.03, 1, 0.03), (a_leg, 3)) for x in (0, 1) for z in (0, 1)
+    ]
+    assert not stray_points(np.concatenate([top, *legs])).any()
+
+
+def test_a_scan_that_thins_out_stays_whole() -> None:
+    random = np.random.default_rng(0)
+    distance, angle = 1 / random.uniform(0.02, 1, 10_000), random.uniform(0, 2 * np.pi, 10_000)
+    ground = np.stack([distance * np.cos(angle), 0 * angle, distance * np.sin(angle)], axis=1)
+    assert not stray_points(ground / np.ptp(ground)).any()
+    assert "stray_points" not in of_cloud(ground).repairs
+
+
+def test_what_is_taken_for_stray_is_little_however_often_it_is_looked_for() -> None:
+    """Each time the farthest are gone, the next are: a ball of points without a surface."""
+    points = np.random.default_rng(0).standard_t(3, (10_000, 3))
+    assert of_cloud(points).repairs.get("stray_points", 0) <= 500
+
+
 def test_flying_points_are_no_candidates() -> None:
     for points in (0, 10_000):
         plain, dirty = (

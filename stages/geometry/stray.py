@@ -30,6 +30,9 @@ APART = 2 / 3
 ABOVE, OFF, PATCH = 1.3, 2.5, 16
 """Single points farther than this many times the usual from all others are stray where they are as far, and this many
 standard deviations, off the plane of so many nearest ones."""
+BESIDE, STRAIGHT, FLAT = 8, 0.3, 0.1
+"""Sparse points that lie with so many others along a line, or in a plane, are a part of the shape that a scanner saw
+few points of: standard deviations across, as a part of those along."""
 TOGETHER = 6
 """More than so many sparse points, or specks, that are no farther from the next than from the rest are a part of the
 shape: a cable, a chain."""
@@ -60,6 +63,7 @@ def _sparse(points: np.ndarray, distance: np.ndarray, limit: float) -> np.ndarra
 
     stray = np.zeros(len(points), bool)
     sparse = np.flatnonzero(distance > limit)
+    sparse = sparse[~_thin(points[sparse])]
     group, few = _few(points[sparse], limit)
     alone, group = sparse[few], group[few]
     stray[alone] = True
@@ -67,6 +71,17 @@ def _sparse(points: np.ndarray, distance: np.ndarray, limit: float) -> np.ndarra
     touches = np.bincount(group, near, minlength=len(sparse)) > 0
     stray[alone] = ~touches[group]
     return stray
+
+
+def _thin(sparse: np.ndarray) -> np.ndarray:
+    """(m,) bool: which of sparse points (m, 3) lie with the nearest others along a line or in a plane."""
+    from scipy.spatial import cKDTree
+
+    if len(sparse) <= BESIDE:
+        return np.zeros(len(sparse), bool)
+    near = sparse[cKDTree(sparse).query(sparse, k=BESIDE + 1)[1]].astype(np.float64)
+    across = np.linalg.svd(near - near.mean(axis=1, keepdims=True), compute_uv=False)  # (m, 3), descending
+    return np.asarray((across[:, 1] < STRAIGHT * across[:, 0]) | (across[:, 2] < FLAT * across[:, 0]))
 
 
 def _above(points: np.ndarray, asked: np.ndarray, limit: float) -> np.ndarray:
