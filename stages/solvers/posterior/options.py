@@ -38,6 +38,6 @@ class PosteriorParams(Params):
     """Of the mean field, over all keypoints in turn."""
     hit_radius: float = Field(0.08, gt=0)
     """How near counts as a hit when a point is chosen, in largest box sides."""
-    present: float = Field(0.4, ge=0, le=1)
-    """Least probability for a group of ids to be judged present by the evidence: how often shots like the target have
-    them, times the odds of their mean expected hit."""
+    present: float = Field(0.5, ge=0, le=1)
+    """Least probability for a group of ids to be judged present by the evidence: by how often shots like the target
+    have them, how sharply they are found, and how much what is found looks like them."""

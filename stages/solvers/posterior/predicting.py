@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from b23d.stages.solvers.calibration import log_odds
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, descriptors, squared
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.weighing import Weighed
 
 NEAR = 0.05  # a keypoint is found that is no farther off along the surface, in longest box sides
+LOOKS, USUAL = 6.0, 0.35  # log-odds of presence that likeness is worth, and that of keypoints as likely there as not
 NEGLIGIBLE = 1e-9  # a candidate less probable than this for every keypoint adds nothing to expected hits
 
 
@@ -28,7 +30,7 @@ class Found:
     """(k,) posterior of the candidates within `NEAR` of the chosen point along the surface, 0 … 1, whatever the front
     is."""
     present: npt.NDArray[np.bool_]
-    """(k,) by the evidence of groups of ids that the same shots have, and by how often shots like the target do."""
+    """(k,) by the evidence of groups of ids that the same shots have."""
     front_margin: float | None = None
     """Nats of evidence by which the front that was taken beats the next best; None where none was looked for."""
 
@@ -40,7 +42,8 @@ def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Foun
     expected = posterior[:, likely].astype(np.float32) @ nearness
     points = expected.argmax(1)
     hits = expected[np.arange(len(points)), points]
-    return Found(points, hits, near_mass(posterior, target, points), judged_present(learned, hits, params.present))
+    present = judged_present(learned, hits, alike(learned, target, posterior), params.present)
+    return Found(points, hits, near_mass(posterior, target, points), present)
 
 
 def near_mass(posterior: np.ndarray, target: Prepared, points: np.ndarray) -> np.ndarray:
@@ -54,15 +57,23 @@ def unary_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> 
     return shift_costs(learned, target, params) - looks(learned, target, params)
 
 
+def alike(learned: Weighed, target: Prepared, posterior: np.ndarray) -> np.ndarray:
+    """(k,) how much what is taken for a keypoint looks like it, by posterior (k, n): 0 as any point does, 1 as the
+    shots' own do on average. It is the plain discriminant's mean over what it is of the shots' mean, which is a squared
+    length (Mahalanobis)."""
+    discriminant = learned.keypoint + learned.identity
+    lengths = np.einsum("kd,de,ke->k", discriminant, learned.model.covariance, discriminant)
+    seen = np.einsum("kn,nd->kd", posterior, _described(learned, target))
+    return np.asarray((discriminant * seen).sum(1) / np.maximum(lengths, 1e-12))
+
+
 def looks(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
     """(k, n) how much each candidate looks like each keypoint, however the target is turned. The more examples of an
     id, the more they say of it by themselves."""
-    model = learned.model
-    described = (descriptors(target, model.basis) - model.mean) / model.scale
     further = np.maximum(learned.counts - 1, 0)[:, None]
     plain = further / (further + params.plain_after)
     keypoint, identity = (plain + (1 - plain) * w for w in (params.keypoint_weight, params.identity_weight))
-    return np.asarray((keypoint * learned.keypoint + identity * learned.identity) @ described.T)
+    return np.asarray((keypoint * learned.keypoint + identity * learned.identity) @ _described(learned, target).T)
 
 
 def shift_costs(learned: Weighed, target: Prepared, params: PosteriorParams) -> np.ndarray:
@@ -98,14 +109,21 @@ def prior(learned: Weighed, target: Prepared) -> tuple[np.ndarray, np.ndarray]:
     return learned.places * np.maximum(target.sides, THINNEST), learned.deviations
 
 
-def judged_present(learned: Weighed, hits: np.ndarray, least: float) -> npt.NDArray[np.bool_]:
-    """Ids that the same shots have are decided together: their mean expected hit and their occurrence are independent
-    witnesses. One shot alone keeps all its ids."""
+def judged_present(learned: Weighed, hits: np.ndarray, alike: np.ndarray, least: float) -> npt.NDArray[np.bool_]:
+    """Ids that the same shots have are decided together, by the odds of how often shots like the target have them, and
+    by their mean expected hit and likeness. One shot alone keeps all its ids."""
     if len(learned.has) == 1:
         return np.ones(len(hits), bool)
     group = np.unique(learned.has, axis=1, return_inverse=True)[1].ravel()
-    hit, often = (np.bincount(group, hits) / np.bincount(group))[group], learned.occurrence
-    return np.asarray(hit * often >= least * (hit * often + (1 - hit) * (1 - often)))
+    hit, look = ((np.bincount(group, values) / np.bincount(group))[group] for values in (hits, alike))
+    odds = log_odds(learned.occurrence) + log_odds(hit) / 2 + LOOKS * (look - USUAL)
+    return np.asarray(odds >= log_odds(np.array(least)))
+
+
+def _described(learned: Weighed, target: Prepared) -> np.ndarray:
+    """(n, descriptor) standardised as the shots'."""
+    model = learned.model
+    return np.asarray((descriptors(target, model.basis) - model.mean) / model.scale)
 
 
 def _normalised(costs: np.ndarray) -> np.ndarray:
