@@ -66,6 +66,14 @@ def test_a_lone_speck_within_the_frame_goes_a_chain_of_them_stays() -> None:
     assert len(chain.faces) == len(box_and_specks()[1]) + 10
 
 
+@pytest.mark.parametrize("part", [trimesh.creation.box((0.015, 0.015, 0.015)), trimesh.creation.icosphere(1, 0.008)])
+def test_knobs_and_rivets_stay_though_they_touch_nothing(part: trimesh.Trimesh) -> None:
+    places = [(-0.3, 0.0, 0.228), (0.3, 0.0, 0.228), (0.0, 0.2, 0.228)]
+    knobs = [part.copy().apply_translation(place) for place in places]
+    both = trimesh.util.concatenate([trimesh.creation.box((1.0, 0.6, 0.4)).subdivide(), *knobs])
+    assert not stray_faces(both.vertices, both.faces).any()
+
+
 def test_a_part_beside_the_shape_stays_where_the_frame_does_not_reach_for_it() -> None:
     plate = trimesh.creation.box((0.03, 0.01, 0.03)).apply_translation((0.3, 0.4, 0.0))
     both = trimesh.util.concatenate([trimesh.creation.box((1.0, 0.6, 0.4)).subdivide(), plate])

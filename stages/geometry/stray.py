@@ -15,9 +15,9 @@ MOST = 0.05
 """Where more than this would be stray together, nothing is."""
 GAP = 0.03
 """Stray faces are farther than this from the rest, in longest sides."""
-SPECK, CLEAR = 0.02, 0.015
+SPECK, CLEAR, SIMPLE = 0.02, 0.015, 8
 """Faces that hang together and reach no farther than this, and are farther than that from the rest, in longest sides,
-are stray wherever they are, if alone."""
+are stray wherever they are, if alone and no more than so many: a modelled knob or rivet has more."""
 FEWEST, ENOUGH = 1000, 4096
 """Of fewer points in a cloud, distances to neighbours do not tell a stray one from a thin place; of fewer than
 `ENOUGH`, only where the box shrinks without them."""
@@ -137,11 +137,13 @@ def _small(group: np.ndarray, shares: np.ndarray) -> np.ndarray:
 
 
 def _specks(corners: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """(f,) bool: faces of these corners (f, 3, 3) whose `group` (f,), 0 … g - 1, is tiny and one of few there."""
+    """(f,) bool: faces of these corners (f, 3, 3) whose `group` (f,), 0 … g - 1, is tiny, simple and one of few
+    there."""
     low, high = np.full((int(group.max()) + 1, 3), np.inf), np.full((int(group.max()) + 1, 3), -np.inf)
     np.minimum.at(low, group, corners.min(axis=1))
     np.maximum.at(high, group, corners.max(axis=1))
-    return np.asarray(((high - low).max(axis=1) <= SPECK) & _few((low + high) / 2, GAP)[1])[group]
+    tiny = ((high - low).max(axis=1) <= SPECK) & (np.bincount(group) <= SIMPLE)
+    return np.asarray(tiny & _few((low + high) / 2, GAP)[1])[group]
 
 
 def _few(places: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
