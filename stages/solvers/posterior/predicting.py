@@ -117,7 +117,7 @@ def judged_present(learned: Weighed, hits: np.ndarray, alike: np.ndarray, least:
     group = np.unique(learned.has, axis=1, return_inverse=True)[1].ravel()
     hit, look = ((np.bincount(group, values) / np.bincount(group))[group] for values in (hits, alike))
     odds = log_odds(learned.occurrence) + log_odds(hit) / 2 + LOOKS * (look - USUAL)
-    return np.asarray(odds >= log_odds(np.array(least)))
+    return np.asarray(1 / (1 + np.exp(-odds)) >= least)
 
 
 def _described(learned: Weighed, target: Prepared) -> np.ndarray:
