@@ -116,7 +116,7 @@ def judged_present(learned: Weighed, hits: np.ndarray, alike: np.ndarray, least:
         return np.ones(len(hits), bool)
     group = np.unique(learned.has, axis=1, return_inverse=True)[1].ravel()
     hit, look = ((np.bincount(group, values) / np.bincount(group))[group] for values in (hits, alike))
-    odds = log_odds(learned.occurrence) + log_odds(hit) / 2 + LOOKS * (look - USUAL)
+    odds = log_odds(learned.occurrence) + log_odds(hit) / 2 + LOOKS * (np.minimum(look, 1) - USUAL)
     return np.asarray(1 / (1 + np.exp(-odds)) >= least)
 
 
