@@ -27,8 +27,10 @@ def guesses(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> list[tupl
     """
     at = spread(own, min(LANDMARKS, len(own)))
     looks, between = alike[at], own[np.ix_(at, at)]
-    tried = {matched.tobytes(): (value, matched) for start in _starts(looks[0], theirs)
-             for value, matched in (_matched(looks, between, theirs, start),)}  # fmt: skip
+    tried: dict[bytes, tuple[float, np.ndarray]] = {}
+    for start in _starts(looks[0], theirs):
+        paid, matched = _matched(looks, between, theirs, start)
+        tried[matched.tobytes()] = paid, matched
     found = []
     for _, matched in sorted(tried.values(), key=lambda guess: guess[0])[:BEST]:
         for _ in range(ROUNDS):
