@@ -20,10 +20,10 @@ from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape, Source
 from b23d.schemas.views import Views
 from b23d.stages.datasets.procedural import Procedural
-from tests import test_geodesic, test_optimize, test_posterior, test_reweight, test_score, test_transfer
+from tests import made_spheres, test_geodesic, test_posterior, test_reweight, test_score, test_transfer
 from tests.made_features import cloud, labelled
 from tests.made_shapes import ROUGH, xyz
-from tests.test_backproject import noise, sampled
+from tests.made_tokens import noise, sampled
 
 Make = Callable[[Any], Artifact]
 RANDOM = np.random.default_rng(3)
@@ -180,7 +180,7 @@ def transferred(params: Any) -> Artifact:
 @functools.cache
 def annotated(seed: int, ids: tuple[int, ...] = (0, 2, 5, 9), at: tuple[int, ...] = (3, 50, 50, 180)) -> Any:
     token = np.random.default_rng(seed).normal(size=12)
-    return test_optimize.labelled(seed, list(ids), list(at), token)
+    return made_spheres.labelled(seed, list(ids), list(at), token)
 
 
 def columns() -> list[list[Any]]:
@@ -223,8 +223,8 @@ def solved(params: Any, turned: bool = False) -> Artifact:
 
 def solved_on_few(params: Any) -> Artifact:
     """A target of six candidates, five of which are wanted."""
-    points, features, distances = test_optimize.sphere(5, n=6)
-    target = test_optimize.shape_of(points), test_optimize.features_of(features), test_optimize.distances_of(distances)
+    points, features, distances = made_spheres.sphere(5, n=6)
+    target = made_spheres.shape_of(points), made_spheres.features_of(features), made_spheres.distances_of(distances)
     model = stage("learn").function(*columns(), default("learn"))
     made: Artifact = stage("optimize").function(*target, model, params)
     return made

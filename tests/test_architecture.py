@@ -15,6 +15,7 @@ DEFINITIONS = (ast.FunctionDef, ast.ClassDef)
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("schemas", "pipeline", "stages")
 FILES = sorted(path.relative_to(ROOT).as_posix() for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+TESTS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("*.py"))
 DECLARATION = {"pipeline.stage", "pipeline.dataset", "pipeline.errors"}
 """All of the engine that a stage may know."""
 FLOORS = ["schemas", "declaration", "engine", "science", "results", "pictures", "pages", "api", "verbs"]
@@ -97,7 +98,7 @@ def test_a_package_has_one_name(package: str) -> None:
     assert done.returncode == 1 and f"expected to be imported as b23d.{package}" in done.stderr
 
 
-@pytest.mark.parametrize("path", FILES)
+@pytest.mark.parametrize("path", FILES + TESTS)
 def test_files_are_rooms_not_halls(path: str) -> None:
     assert len((ROOT / path).read_text().splitlines()) <= 300, f"{path}: over 300 lines; split it by idea"
 

@@ -1,4 +1,4 @@
-"""Every encoder family against the library's own forward pass; the embedded ones with their real weights."""
+"""Every encoder family against the library's own forward pass."""
 
 from __future__ import annotations
 
@@ -8,60 +8,16 @@ import numpy as np
 import pytest
 import torch
 
-from b23d.stages.encoders.encoder import Encoder
 from b23d.stages.encoders.interface import Pixels
 from b23d.stages.encoders.load import load_encoder
 from b23d.stages.encoders.weights import find_checkpoint
 from tests.tiny_checkpoints import TINY, library, save
-
-EMBEDDED = ["efficientnet-lite0", "saliency-vit-s14"]
+from tests.tiny_encoders import EMBEDDED, close, cosines, embedded, grids, images, prepared, tiny
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {family: save(family, tmp_path_factory.mktemp(family)) for family in TINY}
-
-
-def tiny(
-    folders: dict[str, Path],
-    family: str,
-    blocks: tuple[int, ...] = (),
-    layernorm: bool | None = None,
-    input_size: int | None = None,
-) -> Encoder:
-    own_size_only = family in ("clip", "sam", "siglip", "siglip2", "efficientnet")
-    size = input_size or (None if own_size_only else TINY[family].size)
-    return load_encoder(find_checkpoint(f"test/{family}", folders[family]), blocks, layernorm, size, "fp32")
-
-
-def embedded(name: str, **options: object) -> Encoder:
-    try:
-        checkpoint = find_checkpoint(name)
-    except FileNotFoundError as error:
-        pytest.skip(str(error))
-    return load_encoder(checkpoint, **options)  # type: ignore[arg-type]
-
-
-def images(count: int, size: int, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).integers(0, 256, (count, size, size, 3), dtype=np.uint8)
-
-
-def grids(encoder: Encoder, views: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Tokens of all patches, (view, i, j, channel), and class tokens."""
-    tokens, classes = encoder.encode(views)
-    return tokens.reshape(len(views), *encoder.grid, encoder.channels), classes
-
-
-def prepared(pixels: Pixels, views: np.ndarray) -> torch.Tensor:
-    return pixels.normalized(pixels.resized(torch.from_numpy(views)))
-
-
-def close(got: np.ndarray, expected: torch.Tensor, tolerance: float = 2e-3) -> None:
-    """float16 against float32: relative to the largest value."""
-    assert got.shape == expected.shape
-    np.testing.assert_allclose(
-        got.astype(np.float32), expected.numpy(), atol=tolerance * float(expected.abs().max()), rtol=0
-    )
 
 
 @pytest.mark.parametrize("family", TINY)
@@ -228,21 +184,6 @@ def test_efficientnet_normalises_twice_as_its_processor(folders: dict[str, Path]
     torch.testing.assert_close(prepared(pixels, view)[0], expected.to(torch.float32), atol=1e-4, rtol=1e-4)
 
 
-def test_bf16_is_near() -> None:
-    view = scene()
-    exact, rough = (
-        embedded("saliency-vit-s14", precision=precision).encode(view)[0].astype(np.float64)
-        for precision in ("fp32", "bf16")
-    )
-    cosine = cosines(exact, rough)
-    assert cosine.min() > 0.998 and cosine.mean() > 0.9995
-
-
-def cosines(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    a, b = a.astype(np.float64), b.astype(np.float64)
-    return np.asarray((a * b).sum(-1) / np.linalg.norm(a, axis=-1) / np.linalg.norm(b, axis=-1))
-
-
 @pytest.mark.parametrize("family", TINY)
 def test_every_family_runs_in_bf16(folders: dict[str, Path], family: str) -> None:
     exact, views = tiny(folders, family), images(2, TINY[family].size)
@@ -250,73 +191,3 @@ def test_every_family_runs_in_bf16(folders: dict[str, Path], family: str) -> Non
         find_checkpoint(f"test/{family}", folders[family]), input_size=exact.input_size, precision="bf16"
     )
     assert cosines(exact.encode(views)[0], rough.encode(views)[0]).mean() > 0.99
-
-
-def scene() -> np.ndarray:
-    """An envelope on a table, and a ball: two things an ImageNet network knows."""
-    y, x = np.mgrid[:224, :224] + 0.5
-    envelope, ball = np.full((224, 224, 3), (200, 160, 120), np.uint8), np.full((224, 224, 3), 255, np.uint8)
-    envelope[50:174, 20:204] = 245
-    flap = (np.abs((y - 50) - 0.7 * np.minimum(x - 20, 204 - x)) < 1.5) & (y < 120) & (x > 20) & (x < 204)
-    envelope[flap] = 120
-    ball[(y - 112) ** 2 + (x - 112) ** 2 < 80**2] = (240, 130, 20)
-    return np.stack([envelope, ball])
-
-
-def test_lite0_knows_what_it_was_trained_on() -> None:
-    from b23d.stages.encoders.efficientnet_lite0 import PIXELS, load_network
-
-    network = load_network(find_checkpoint("efficientnet-lite0").path)
-    with torch.inference_mode():
-        x = prepared(PIXELS, scene())
-        logits = network(x)
-        fused = network.fuse()(x)
-    assert logits.argmax(1).tolist() == [549, 722]  # ImageNet: envelope, ping-pong ball
-    assert float(logits.softmax(1)[0, 549]) > 0.6
-    torch.testing.assert_close(fused, logits, atol=1e-3, rtol=1e-3)
-
-
-def test_lite0_pads_as_tensorflow() -> None:
-    """ "SAME": the output has ceil(n / stride) places, and the odd pixel of padding is at the end."""
-    from b23d.stages.encoders.efficientnet_lite0 import SameConv2d
-
-    for side, stride, start in ((8, 2, 0), (7, 2, 1), (8, 1, 1)):
-        convolution = SameConv2d(1, 1, 3, stride, bias=False)
-        with torch.no_grad():
-            convolution.weight.zero_()[0, 0, 1, 1] = 1
-            ramp = torch.arange(float(side)).expand(1, 1, side, side)
-            assert convolution(ramp)[0, 0, 0].tolist() == [
-                float(i * stride - start + 1) for i in range(-(-side // stride))
-            ]
-
-
-def test_saliency_vit_is_the_onnx_graph() -> None:
-    """onnx's own evaluator, node by node, up to block 9."""
-    onnx = pytest.importorskip("onnx")
-    from onnx.reference import ReferenceEvaluator
-
-    encoder = embedded("saliency-vit-s14", precision="fp32")
-    assert (encoder.grid, encoder.channels, encoder.input_size, encoder.class_token) == ((16, 16), 384, 224, True)
-    graph = onnx.load(str(find_checkpoint("saliency-vit-s14").path)).graph
-    needed, nodes = {"/backbone/encoder/layer.9/Add_1_output_0"}, []
-    for node in reversed(graph.node):
-        if needed & set(node.output):
-            needed |= set(node.input)
-            nodes.insert(0, node)
-    floats = onnx.TensorProto.FLOAT
-    block9 = onnx.helper.make_graph(
-        nodes,
-        "block 9",
-        [onnx.helper.make_tensor_value_info("input_image", floats, None)],
-        [onnx.helper.make_tensor_value_info("/backbone/encoder/layer.9/Add_1_output_0", floats, None)],
-        [tensor for tensor in graph.initializer if tensor.name in needed],
-    )
-    view = images(1, 224)
-    x = prepared(encoder.backbone.pixels, view)
-    (expected,) = ReferenceEvaluator(
-        onnx.helper.make_model(block9, opset_imports=[onnx.helper.make_opsetid("", 14)])
-    ).run(None, {"input_image": x.contiguous().numpy()})
-    with torch.inference_mode():
-        patches, first = encoder.backbone.network(x)
-    np.testing.assert_allclose(first.numpy(), expected[:, 0], atol=5e-5)
-    np.testing.assert_allclose(patches.numpy(), expected[:, 1:], atol=5e-5)

@@ -26,8 +26,8 @@ from b23d.stages.workbench.pictures.palette import id_color, rgb
 from b23d.stages.workbench.pictures.thumbnails import SHAPE, TILE, thumbnail, token_colors
 from b23d.stages.workbench.results.gathering import Gathering
 from b23d.stages.workbench.results.scores import run_scores
+from tests.made_tokens import token_views
 from tests.report_runs import mixed
-from tests.test_backproject import token_views
 
 
 @pytest.fixture(scope="module")

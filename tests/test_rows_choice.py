@@ -12,7 +12,8 @@ from b23d.pipeline.dataset import Leaf, Shape
 from b23d.pipeline.draws import draw_shots
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.runfile import Shots
-from tests.test_optimize import AT, IDS, combined, distances_of, features_of, labelled, line, shape_of, solve, sphere
+from tests.made_spheres import AT, IDS, distances_of, features_of, labelled, shape_of, solve, sphere
+from tests.made_templates import combined, line
 from tests.test_posterior import Parts, box_cloud
 from tests.test_posterior import run as posterior
 from tests.test_score import SCALE, annotated, iou, line_shape, predicted, scored

@@ -19,7 +19,7 @@ from b23d.stages.geometry.cameras import project
 from b23d.stages.render import RenderParams, render
 from b23d.stages.score import ScoreParams, score
 from tests.made_shapes import BOX, of_mesh
-from tests.test_backproject import SQUARE, SQUARE_FACES, TOP, noise, sampled, shape, token_views
+from tests.made_tokens import SQUARE, SQUARE_FACES, TOP, noise, sampled, shape, token_views
 from tests.test_geodesic import plate
 from tests.test_geodesic import shape as bare
 from tests.test_geodesic import solve as geodesics
