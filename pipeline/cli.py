@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from b23d.pipeline.errors import B23dError
-from b23d.pipeline.stopping import Stopped, end, stop_on_signals
+from b23d.pipeline.scheduling.stopping import Stopped, end, stop_on_signals
 from b23d.pipeline.verbs.accept import accept
 from b23d.pipeline.verbs.explain import explain
 from b23d.pipeline.verbs.gc import gc

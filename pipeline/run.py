@@ -16,23 +16,24 @@ from functools import cached_property
 from pathlib import Path
 
 from b23d.pipeline.address import canonical_json, sha256
-from b23d.pipeline.anchoring import absolute
-from b23d.pipeline.config import Config, feeding, load_config
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
-from b23d.pipeline.execution import Report, RunLoop
-from b23d.pipeline.history import begin, finish, stopped
-from b23d.pipeline.index import Index
-from b23d.pipeline.members import SUFFIX
-from b23d.pipeline.plan import Node, Plan, State
-from b23d.pipeline.planning import Accepting, make_plan
-from b23d.pipeline.runlog import RunLog, both
-from b23d.pipeline.scheduler import DaskExecutor, Executor, InlineExecutor
-from b23d.pipeline.selection import EVERYTHING, Selection
-from b23d.pipeline.stopping import Stopped
+from b23d.pipeline.planning.making import Accepting, make_plan
+from b23d.pipeline.planning.nodes import Node, State
+from b23d.pipeline.planning.plan import Plan
+from b23d.pipeline.planning.selection import EVERYTHING, Selection
+from b23d.pipeline.records.history import begin, finish, stopped
+from b23d.pipeline.records.runlog import RunLog, both
+from b23d.pipeline.records.warned import remember, warnings
+from b23d.pipeline.runfile.anchoring import absolute
+from b23d.pipeline.runfile.config import Config, feeding, load_config
+from b23d.pipeline.runfile.members import SUFFIX
+from b23d.pipeline.scheduling.execution import Report, RunLoop
+from b23d.pipeline.scheduling.scheduler import DaskExecutor, Executor, InlineExecutor
+from b23d.pipeline.scheduling.stopping import Stopped
+from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.pipeline.storage.index import Index
 from b23d.pipeline.store import Store
-from b23d.pipeline.tasks import Outcome, Task
-from b23d.pipeline.warned import remember, warnings
 from b23d.schemas.artifact import Artifact
 
 log = logging.getLogger("b23d")
@@ -88,7 +89,7 @@ class Run:
         """
         self.open_to_write()
         self.store.drop_leftovers()
-        record, started = begin(self, selection), time.perf_counter()
+        record, started = begin(self.store, self.config, selection), time.perf_counter()
         try:
             with RunLog(self.folder, self.name) as log:
                 loop = RunLoop(self, selection, both(log.watch, watch), both(log.start, on_start))

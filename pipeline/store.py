@@ -1,9 +1,10 @@
 """Store: artifacts as zarr v3 groups, published whole or not at all. The only module that imports zarr.
 
 Layout: `<stage>/<ab>/<rest of the address>/`, one zarr group an artifact. The group's `zarr.json`, its head, holds the
-JSON fields, a sha256 per array, the provenance and the arrays' metadata (see `pipeline/head.py`). On a local disk the
-folder is written aside, read back, and renamed; in an object store the head is written last. Either way its presence
-means: complete. Deleting is the same backwards: renamed aside, then removed; in an object store, the head first.
+JSON fields, a sha256 per array, the provenance and the arrays' metadata (see `pipeline/storage/head.py`). On a local
+disk the folder is written aside, read back, and renamed; in an object store the head is written last. Either way its
+presence means: complete. Deleting is the same backwards: renamed aside, then removed; in an object store, the head
+first.
 
 zarr reads a missing chunk as zeros, silently; every read here checks the array's digest instead.
 """
@@ -22,7 +23,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from b23d.pipeline.encoding import array_digest, encode_artifact
 from b23d.pipeline.errors import (
     ArtifactNotFoundError,
     CorruptArtifactError,
@@ -30,10 +30,11 @@ from b23d.pipeline.errors import (
     StoreError,
     UnwritableStoreError,
 )
-from b23d.pipeline.filesystem import open_filesystem
-from b23d.pipeline.head import UNREADABLE, ArrayHead, Head, parse_head
-from b23d.pipeline.marker import FAN, REST, check_format, mark, stages_in, store_format
-from b23d.pipeline.zarr_format import chunk_key, decode
+from b23d.pipeline.storage.encoding import array_digest, encode_artifact
+from b23d.pipeline.storage.filesystem import open_filesystem
+from b23d.pipeline.storage.head import UNREADABLE, ArrayHead, Head, parse_head
+from b23d.pipeline.storage.marker import FAN, REST, check_format, mark, stages_in, store_format
+from b23d.pipeline.storage.zarr_format import chunk_key, decode
 from b23d.schemas.artifact import Artifact
 
 A = TypeVar("A", bound=Artifact)

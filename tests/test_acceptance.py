@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from b23d.pipeline import acceptance
 from b23d.pipeline.cli import app
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning import acceptance
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
 from b23d.pipeline.stage import STAGES
 from tests.toy import Numbers, SquareParams, make_toy

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from b23d.pipeline.config import load_config
 from b23d.pipeline.errors import RunFileError
-from b23d.pipeline.members import members
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.runfile.members import members
 from b23d.schemas.keypoints import Keypoints
 from b23d.stages.describe import DescribeParams, describe
 from b23d.stages.normalize import NormalizeParams, normalize

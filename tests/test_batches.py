@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from b23d.pipeline import batches as policy
-from b23d.pipeline.batches import Batches
-from b23d.pipeline.frontier import Frontier, needed
-from b23d.pipeline.plan import Node
+from b23d.pipeline.planning.nodes import Node
 from b23d.pipeline.run import Run
-from b23d.pipeline.tasks import Outcome, make_task
-from b23d.pipeline.worker import as_stored, run_tasks
+from b23d.pipeline.scheduling import batches as policy
+from b23d.pipeline.scheduling.batches import Batches
+from b23d.pipeline.scheduling.frontier import Frontier, needed
+from b23d.pipeline.scheduling.tasks import Outcome, make_task
+from b23d.pipeline.scheduling.worker import as_stored, run_tasks
 from tests.toy import Numbers, make_idle, make_toy
 
 

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from b23d.pipeline.claims import FOLDER, Claims
 from b23d.pipeline.cli import app
-from b23d.pipeline.roots import lease, leases
 from b23d.pipeline.run import Run
+from b23d.pipeline.storage.claims import FOLDER, Claims
+from b23d.pipeline.storage.roots import lease, leases
 from b23d.pipeline.store import Store
 from tests.toy import make_toy
 
@@ -51,8 +51,8 @@ def test_of_racing_runs_exactly_one_wins(tmp_path: Path) -> None:
 def test_a_killed_runs_claims_are_cleared_by_one(tmp_path: Path) -> None:
     code = f"""
 import os
-from b23d.pipeline.claims import Claims
-from b23d.pipeline.roots import lease
+from b23d.pipeline.storage.claims import Claims
+from b23d.pipeline.storage.roots import lease
 from b23d.pipeline.store import Store
 store = Store({str(tmp_path)!r})
 with lease(store, "1" * 32) as name:

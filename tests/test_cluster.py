@@ -13,9 +13,9 @@ import numpy as np
 import psutil
 import pytest
 
-from b23d.pipeline.cluster import _start
 from b23d.pipeline.errors import ClusterError
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.cluster import _start
 from b23d.pipeline.stage import stage
 from b23d.schemas.params import Params
 from b23d.schemas.runfile import Execution

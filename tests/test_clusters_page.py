@@ -13,8 +13,8 @@ import pytest
 import yaml
 from distributed import SSHCluster
 
-from b23d.pipeline.cluster import ENVIRON
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.cluster import ENVIRON
 from b23d.schemas.runfile import Execution, StoreOptions
 
 PAGE = (Path(__file__).parents[1] / "runs" / "clusters.md").read_text()

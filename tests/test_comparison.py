@@ -13,9 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app, plug_in
-from b23d.pipeline.config import load_config
-from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.runfile.members import Member, members
 from b23d.schemas.scores import ClassScores, Curve, PresenceScores, ScoreTable, Spread
 from b23d.stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
 from b23d.stages.workbench.commands.sweep import choose

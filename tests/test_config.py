@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline.config import Carried, load_config, refuse_unused
 from b23d.pipeline.errors import MissingPackageError, RunFileError
-from b23d.pipeline.members import members
+from b23d.pipeline.runfile.config import Carried, load_config, refuse_unused
+from b23d.pipeline.runfile.members import members
 from tests.toy import make_toy
 
 RUNS = Path(__file__).parents[1] / "runs"

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from b23d.pipeline.config import load_config
 from b23d.pipeline.errors import RunFileError, naming
-from b23d.pipeline.members import members
+from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.runfile.members import members
 from b23d.stages.encoders.weights import find_checkpoint
 
 GOOD: dict[str, Any] = {

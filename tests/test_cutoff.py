@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from b23d.pipeline.address import content_digest
-from b23d.pipeline.execution import RunLoop
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.selection import EVERYTHING, Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import EVERYTHING, Selection
+from b23d.pipeline.scheduling.execution import RunLoop
+from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.pipeline.scheduling.worker import run_tasks
 from b23d.pipeline.stage import STAGES
-from b23d.pipeline.tasks import Outcome, Task
-from b23d.pipeline.worker import run_tasks
 from tests.toy import Numbers, make_toy
 from tests.toy_versions import bump, contents, ran
 

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from b23d.pipeline.draws import draw_shots
 from b23d.pipeline.errors import ResourceError
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.draws import draw_shots
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
 from b23d.pipeline.stage import STAGES
 from b23d.pipeline.store import Store
 from b23d.schemas.runfile import Shots

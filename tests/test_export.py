@@ -12,8 +12,8 @@ import trimesh
 from PIL import Image
 from rich.console import Console, RenderableType
 
-from b23d.pipeline.inspection import export_artifact
-from b23d.pipeline.inspection import thumbnail as show_thumbnail
+from b23d.pipeline.inspection.artifact import export_artifact
+from b23d.pipeline.inspection.artifact import thumbnail as show_thumbnail
 from b23d.pipeline.run import Run
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.predictions import Prediction

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
-from b23d.pipeline.config import load_config
 from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.runfile.config import load_config
 from b23d.schemas.params import missing_choice
 from b23d.schemas.shape import NormalizedShape
 from b23d.schemas.views import Views

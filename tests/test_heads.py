@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from b23d.pipeline.errors import CorruptArtifactError
+from b23d.pipeline.inspection.upkeep import verify
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import HEAD, Store
-from b23d.pipeline.upkeep import verify
 from tests.flipping import flips, served_wrongly, unnoticed_by_verify
 from tests.toy import Numbers, make_toy
 

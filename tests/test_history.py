@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from b23d.pipeline.again import again, run_of
 from b23d.pipeline.cli import app
 from b23d.pipeline.errors import HistoryError
-from b23d.pipeline.history import attach, find, keep, reached_by, records
+from b23d.pipeline.inspection.again import again, run_of
+from b23d.pipeline.inspection.upkeep import reached
+from b23d.pipeline.records.history import attach, find, keep, reached_by, records
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import Store
-from b23d.pipeline.upkeep import reached
 from tests.toy import make_toy
 
 

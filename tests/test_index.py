@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline.index import Failure, Given, Index
 from b23d.pipeline.run import Run
+from b23d.pipeline.storage.index import Failure, Given, Index
 from tests.toy import make_toy
 
 

@@ -9,16 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline import roots as roots_module
 from b23d.pipeline.errors import NotAStoreError, StoreError
-from b23d.pipeline.index import Index
-from b23d.pipeline.marker import MARKER
-from b23d.pipeline.plan import Plan, State
-from b23d.pipeline.roots import FOLDER, lease, note_root, roots
+from b23d.pipeline.inspection.upkeep import garbage, known_run_files, reached, verify
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.pipeline.storage import roots as roots_module
+from b23d.pipeline.storage.index import Index
+from b23d.pipeline.storage.marker import MARKER
+from b23d.pipeline.storage.roots import FOLDER, lease, note_root, roots
 from b23d.pipeline.store import Store
-from b23d.pipeline.tasks import Outcome, Task
-from b23d.pipeline.upkeep import garbage, known_run_files, reached, verify
 from tests.toy import make_toy
 
 
@@ -76,7 +77,7 @@ def test_what_was_run_with_set_stays_unless_told_otherwise(tmp_path: Path) -> No
 
 
 def test_a_part_of_a_run_does_not_forget_the_rest(tmp_path: Path) -> None:
-    from b23d.pipeline.selection import Selection
+    from b23d.pipeline.planning.selection import Selection
 
     path = make_toy(tmp_path)
     overrides = ["stages.shift.by=3"]

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 import trimesh
 
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
 from b23d.stages.workbench.commands.keypoints import notes
 from b23d.stages.workbench.results.keypoints import COLUMNS, FoundKeypoints, keypoint_table
 from tests.report_runs import mixed

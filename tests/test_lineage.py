@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app
-from b23d.pipeline.explain import explain
-from b23d.pipeline.lineage import descent, reasons
+from b23d.pipeline.inspection.explain import explain
+from b23d.pipeline.inspection.lineage import descent, reasons
 from b23d.pipeline.run import Run
 from tests.small_runs import make_boxes
 from tests.toy import make_toy

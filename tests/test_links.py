@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from b23d.pipeline.explain import explain
+from b23d.pipeline.inspection.explain import explain
+from b23d.pipeline.inspection.upkeep import garbage, known_run_files, reached, verify
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import HEAD, Store
-from b23d.pipeline.upkeep import garbage, known_run_files, reached, verify
 from tests.toy import make_toy
 from tests.toy_versions import bump, contents, ran
 

@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
 from tests.toy import make_toy
 
 

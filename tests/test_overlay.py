@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from b23d.pipeline.inspection import export_artifact
+from b23d.pipeline.inspection.artifact import export_artifact
 from b23d.pipeline.run import Run
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.predictions import Prediction

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from b23d.pipeline.config import load_config
 from b23d.pipeline.dataset import DATASETS
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.stage import STAGES
 from tests.small_runs import b23d
 from tests.toy import Numbers, make_toy

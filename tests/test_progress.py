@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from b23d.pipeline.listening import MOST, listening
-from b23d.pipeline.progress import RunProgress
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.listening import MOST, listening
+from b23d.pipeline.scheduling.progress import RunProgress
+from b23d.pipeline.scheduling.tally import Tally, span
+from b23d.pipeline.scheduling.tasks import Outcome
 from b23d.pipeline.stage import stage
-from b23d.pipeline.tally import Tally, span
-from b23d.pipeline.tasks import Outcome
 from b23d.schemas.params import Params
 from tests.toy import Numbers, make_toy
 

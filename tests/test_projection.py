@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline import projection
-from b23d.pipeline.projection import free_mb, memory_line, project
+from b23d.pipeline.inspection import projection
+from b23d.pipeline.inspection.projection import free_mb, memory_line, project
 from b23d.pipeline.run import Run
 from b23d.schemas.runfile import Execution
 from tests.toy import make_toy

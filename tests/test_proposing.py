@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from b23d.pipeline.cli import plug_in
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
 from b23d.stages.solvers.likeness import cosine, occupancy, overlap, standardised
 from b23d.stages.workbench.annotate.looks import looks_of
 from b23d.stages.workbench.annotate.proposing import proposed

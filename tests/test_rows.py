@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline.config import load_config
+from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.stage import load_stages
 from b23d.schemas.params import Params, tables_of
 from b23d.schemas.runfile import Shots

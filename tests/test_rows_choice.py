@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from b23d.pipeline.dataset import Leaf, Shape
-from b23d.pipeline.draws import draw_shots
+from b23d.pipeline.planning.draws import draw_shots
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.runfile import Shots
 from tests.made_spheres import AT, IDS, distances_of, features_of, labelled, shape_of, solve, sphere

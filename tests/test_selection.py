@@ -8,7 +8,7 @@ import pytest
 
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import SelectionError
-from b23d.pipeline.selection import Selection
+from b23d.pipeline.planning.selection import Selection
 
 SHAPES = [Shape(f"{c}{i}", c, {}) for c in ("chair", "table") for i in range(3)] + [Shape("[red]x[/]", "odd", {})]
 NAMES = {shape.name for shape in SHAPES}

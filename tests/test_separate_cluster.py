@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from b23d.pipeline.errors import ClusterError, RunFileError
-from b23d.pipeline.plan import Plan, State
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.run import Run
-from b23d.pipeline.tasks import Outcome, Task
+from b23d.pipeline.scheduling.tasks import Outcome, Task
 from tests.separate_cluster import SeparateCluster, separate_cluster
 from tests.toy import make_toy
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError
+from b23d.pipeline.storage.zarr_format import decode, encode
 from b23d.pipeline.store import Store
-from b23d.pipeline.zarr_format import decode, encode
 from tests.toy import Numbers
 
 ADDRESS = "ab" + "0" * 62
@@ -56,7 +56,7 @@ def test_the_format_is_zarrs(data: st.DataObject, sharded: bool) -> None:
     """zarr reads every array we write, and our reader reads its own bytes back."""
     from zarr.storage import MemoryStore
 
-    from b23d.pipeline.zarr_format import array_metadata, chunk_key
+    from b23d.pipeline.storage.zarr_format import array_metadata, chunk_key
 
     shapes = hnp.array_shapes(min_dims=2 if sharded else 0, max_dims=4, min_side=1 if sharded else 0, max_side=5)
     array = data.draw(hnp.arrays(data.draw(DTYPES), data.draw(shapes)))

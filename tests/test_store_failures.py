@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline import filesystem
 from b23d.pipeline.cli import main
 from b23d.pipeline.errors import MissingPackageError, NotAStoreError, StoreError
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.tasks import Outcome
 from b23d.pipeline.stage import STAGES
+from b23d.pipeline.storage import filesystem
 from b23d.pipeline.store import Store
-from b23d.pipeline.tasks import Outcome
 from tests.toy import Numbers, make_toy
 
 Write = Callable[[Path, bytes], int]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
 from b23d.schemas.parts import Parts
 from b23d.schemas.predictions import PartPrediction

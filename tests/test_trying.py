@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from b23d.pipeline.comparing import differences
+from b23d.pipeline.inspection.comparing import differences
+from b23d.pipeline.inspection.trying import attempt
 from b23d.pipeline.run import Run
-from b23d.pipeline.trying import attempt
 from tests.toy import Numbers, make_toy
 
 

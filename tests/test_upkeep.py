@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from b23d.pipeline.config import load_config
-from b23d.pipeline.explain import explain
-from b23d.pipeline.members import members
+from b23d.pipeline.inspection.explain import explain
+from b23d.pipeline.inspection.upkeep import garbage, known_run_files, reached, verify
 from b23d.pipeline.run import Run
-from b23d.pipeline.upkeep import garbage, known_run_files, reached, verify
+from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.runfile.members import members
 from tests.toy import make_toy
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from b23d.pipeline.errors import SelectionError
-from b23d.pipeline.listing import list_artifacts, list_shapes
+from b23d.pipeline.inspection.listing import list_artifacts, list_shapes
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
 from b23d.pipeline.stage import load_stages
 from b23d.stages.encoders.names import known_name
 from b23d.stages.workbench.results.scores import run_scores

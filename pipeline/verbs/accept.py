@@ -11,7 +11,7 @@ from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 if TYPE_CHECKING:
-    from b23d.pipeline.plan import Node
+    from b23d.pipeline.planning.nodes import Node
     from b23d.pipeline.run import Run
 
 
@@ -25,8 +25,8 @@ def accept(
     revoke: Annotated[bool, typer.Option("--revoke", help="Take it back.")] = False,
 ) -> None:
     """ "The new version gives the same, by my word": links what older versions made, without recomputing."""
-    from b23d.pipeline import acceptance
-    from b23d.pipeline.plan import State
+    from b23d.pipeline.planning import acceptance
+    from b23d.pipeline.planning.nodes import State
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
@@ -71,8 +71,8 @@ def accept(
 
 def _check(run: Run, node: Node) -> None:
     """Make one anew and compare. Exits with 1 where it differs: then nothing is accepted."""
-    from b23d.pipeline.comparing import differences
-    from b23d.pipeline.trying import make
+    from b23d.pipeline.inspection.comparing import differences
+    from b23d.pipeline.inspection.trying import make
 
     found = differences(make(run, node), run.store.read(node.stage, node.address, run.config.stages[node.stage].gives))
     if found:

@@ -34,7 +34,7 @@ def explain(
     ] = False,
 ) -> None:
     """What an artifact's address is made of, and the first field that differs from the nearest stored one."""
-    from b23d.pipeline.explain import explain as explain_node
+    from b23d.pipeline.inspection.explain import explain as explain_node
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
@@ -61,8 +61,8 @@ def explain(
 
 
 def _print_descent(run: Run, shape: str, stage: str, draw: int | None) -> None:
-    from b23d.pipeline.lineage import descent
-    from b23d.pipeline.plan import State
+    from b23d.pipeline.inspection.lineage import descent
+    from b23d.pipeline.planning.nodes import State
 
     told = descent(run, shape, stage, draw)
     title = escape(f"made from {stage} of {shape}, run {run.name}")

@@ -25,9 +25,9 @@ def gc(
 ) -> None:
     """Drop what no run file reaches, largest first. Run files that have used the store count, and those in runs/; what
     a running run wants is kept."""
-    from b23d.pipeline.roots import stamp
+    from b23d.pipeline.inspection.upkeep import garbage, known_run_files, reached, shape_of
+    from b23d.pipeline.storage.roots import stamp
     from b23d.pipeline.store import Store
-    from b23d.pipeline.upkeep import garbage, known_run_files, reached, shape_of
 
     opened = Store(store or DEFAULT_STORE)
     opened.check_is_store()

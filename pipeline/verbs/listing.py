@@ -13,7 +13,7 @@ from b23d.pipeline.verbs.options import Classes, Json, Limit, RunPath, Set, Shap
 from b23d.pipeline.verbs.terminal import console
 
 if TYPE_CHECKING:
-    from b23d.pipeline.listing import ListedArtifact, ListedShape
+    from b23d.pipeline.inspection.listing import ListedArtifact, ListedShape
     from b23d.pipeline.run import Run
 
 STYLES = {"failed": "red", "blocked": "yellow", "waiting": "cyan", "done": "green"}
@@ -30,9 +30,9 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """A run's shapes, or a stage's artifacts, with their states and sizes. Nothing is executed."""
-    from b23d.pipeline.listing import list_artifacts, list_shapes
+    from b23d.pipeline.inspection.listing import list_artifacts, list_shapes
+    from b23d.pipeline.planning.selection import Selection
     from b23d.pipeline.run import Run
-    from b23d.pipeline.selection import Selection
 
     loaded = Run.load(run, set, store)
     selection = Selection(tuple(shape), tuple(category), limit)
@@ -50,8 +50,8 @@ def list_(
 
 def stages_table(run: Run, shape: str) -> Table:
     """Every stage's artifacts of one shape. Raises SelectionError where there is no such shape."""
-    from b23d.pipeline.listing import list_artifacts
-    from b23d.pipeline.selection import Selection
+    from b23d.pipeline.inspection.listing import list_artifacts
+    from b23d.pipeline.planning.selection import Selection
 
     selection = Selection(shapes=(shape,))
     found = [(stage, row) for stage in run.config.stages for row in list_artifacts(run, stage, selection)]

@@ -29,8 +29,8 @@ def log(
     as_json: Json = False,
 ) -> None:
     """Every execution of a store, or of one run file; with an ID, one of them in full."""
-    from b23d.pipeline import history
-    from b23d.pipeline.again import STORE
+    from b23d.pipeline.inspection.again import STORE
+    from b23d.pipeline.records import history
     from b23d.pipeline.run import Run
     from b23d.pipeline.store import Store
 
@@ -68,7 +68,7 @@ def log(
 
 
 def _one(record: object, as_json: bool) -> None:
-    from b23d.pipeline.history import Record
+    from b23d.pipeline.records.history import Record
 
     assert isinstance(record, Record)
     if as_json:

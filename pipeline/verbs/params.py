@@ -23,7 +23,7 @@ def params(
     as_json: Json = False,
 ) -> None:
     """Every field that a run file, or --set, can have: type, default, the method it belongs to, what it means."""
-    from b23d.pipeline.fields import fields_of, tables
+    from b23d.pipeline.runfile.fields import fields_of, tables
 
     found = tables()
     short = {name: name.removeprefix("stages.").partition(" ")[0] for name in found}

@@ -9,7 +9,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.plan import SHOTS
+from b23d.pipeline.planning.nodes import SHOTS
+from b23d.pipeline.records.warned import warnings
 from b23d.pipeline.verbs.options import (
     Classes,
     Force,
@@ -24,10 +25,9 @@ from b23d.pipeline.verbs.options import (
     Until,
 )
 from b23d.pipeline.verbs.terminal import console
-from b23d.pipeline.warned import warnings
 
 if TYPE_CHECKING:
-    from b23d.pipeline.plan import Plan
+    from b23d.pipeline.planning.plan import Plan
     from b23d.pipeline.run import Run
 
 SHOWN = 12  # problems that are printed
@@ -49,11 +49,11 @@ def plan(
     exit_code: Annotated[bool, typer.Option("--exit-code", help="Exit 1 when work is pending.")] = False,
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
-    from b23d.pipeline.draws import draw_notes
-    from b23d.pipeline.progress import to_run
-    from b23d.pipeline.projection import memory_line, project
+    from b23d.pipeline.inspection.projection import memory_line, project
+    from b23d.pipeline.planning.draws import draw_notes
+    from b23d.pipeline.planning.selection import Selection
     from b23d.pipeline.run import Run
-    from b23d.pipeline.selection import Selection
+    from b23d.pipeline.scheduling.progress import to_run
 
     selection = Selection(tuple(shape), tuple(category), limit, tuple(stage), until, only_failed, force)
     loaded = Run.load(run, set, store)
@@ -97,7 +97,7 @@ def _round(value: float | None, unit: float) -> str:
 
 
 def _print_reasons(run: Run, planned: Plan) -> None:
-    from b23d.pipeline.lineage import reasons
+    from b23d.pipeline.inspection.lineage import reasons
 
     found, behind = reasons(run, planned)
     for reason, count in found.most_common():

@@ -29,8 +29,8 @@ from b23d.pipeline.verbs.options import (
 from b23d.pipeline.verbs.terminal import console, debug
 
 if TYPE_CHECKING:
-    from b23d.pipeline.execution import Report
     from b23d.pipeline.run import Run
+    from b23d.pipeline.scheduling.execution import Report
 
 SHOWN = 12  # warnings that are printed
 
@@ -57,10 +57,10 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
-    from b23d.pipeline.again import run_of
-    from b23d.pipeline.progress import RunProgress
+    from b23d.pipeline.inspection.again import run_of
+    from b23d.pipeline.planning.selection import Selection
     from b23d.pipeline.run import Run
-    from b23d.pipeline.selection import Selection
+    from b23d.pipeline.scheduling.progress import RunProgress
 
     selection = Selection(tuple(shape), tuple(category), limit, tuple(stage), until, only_failed, force)
     if (run is None) == (again is None):
@@ -82,8 +82,8 @@ def run(
 
 
 def _tell(loaded: Run, report: Report) -> None:
-    from b23d.pipeline.history import attach
-    from b23d.pipeline.progress import spared, stage_table
+    from b23d.pipeline.records.history import attach
+    from b23d.pipeline.scheduling.progress import spared, stage_table
 
     if report.done:
         console.print(stage_table(report))

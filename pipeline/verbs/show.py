@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from b23d.pipeline.errors import SelectionError
-from b23d.pipeline.inspection import FrameName, artifact_tables, export_artifact, thumbnail
+from b23d.pipeline.inspection.artifact import FrameName, artifact_tables, export_artifact, thumbnail
 from b23d.pipeline.verbs.listing import shapes_table, stages_table
 from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
@@ -35,7 +35,7 @@ def show(
     ] = None,
 ) -> None:
     """What an artifact holds: a picture, arrays, ranges, provenance."""
-    from b23d.pipeline.listing import list_shapes
+    from b23d.pipeline.inspection.listing import list_shapes
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)

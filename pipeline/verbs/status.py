@@ -26,9 +26,9 @@ def status(
     as_json: Json = False,
 ) -> None:
     """Runs that are going on over a store, on this machine or others."""
-    from b23d.pipeline.again import STORE
-    from b23d.pipeline.roots import leases
+    from b23d.pipeline.inspection.again import STORE
     from b23d.pipeline.run import Run
+    from b23d.pipeline.storage.roots import leases
     from b23d.pipeline.store import Store
 
     opened = Run.load(run, (), store).store if run is not None else Store(store or STORE)

@@ -25,9 +25,9 @@ def try_(
     profile: Annotated[bool, typer.Option("--profile", help="Print where the time goes.")] = False,
 ) -> None:
     """Run one stage of one shape here, on stored inputs. Stores nothing; compares with what is stored."""
-    from b23d.pipeline.inspection import value_range
+    from b23d.pipeline.inspection.artifact import value_range
+    from b23d.pipeline.inspection.trying import attempt
     from b23d.pipeline.run import Run
-    from b23d.pipeline.trying import attempt
 
     loaded = Run.load(run, set, store)
     trial = attempt(loaded, shape, stage, draw, _debugged if pdb else _profiled if profile else None)

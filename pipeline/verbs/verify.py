@@ -12,8 +12,8 @@ from b23d.pipeline.verbs.terminal import Checking, console
 def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
     """Check every digest. Damaged artifacts are named with their shapes and removed, so that the next run makes them
     again."""
+    from b23d.pipeline.inspection.upkeep import verify as find_damage
     from b23d.pipeline.run import Run
-    from b23d.pipeline.upkeep import verify as find_damage
 
     loaded, count, kept = Run.load(run, set, store), 0, 0
     with Checking(console) as checking:

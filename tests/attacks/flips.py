@@ -11,7 +11,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
 from tests.flipping import flips, served_wrongly, unnoticed_by_verify
 from tests.small_runs import make_boxes

@@ -15,10 +15,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from b23d.pipeline.plan import State
+from b23d.pipeline.inspection.upkeep import garbage, known_run_files, reached, verify
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import HEAD, Store
-from b23d.pipeline.upkeep import garbage, known_run_files, reached, verify
 from tests.toy import make_toy
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from b23d.pipeline.explain import explain
-from b23d.pipeline.index import Given
-from b23d.pipeline.plan import State
+from b23d.pipeline.inspection.explain import explain
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
 from b23d.pipeline.stage import STAGES, stage
+from b23d.pipeline.storage.index import Given
 from tests.toy import Numbers, ShiftParams, make_toy
 
 CHAIN = ["one", "two", "three", "four", "five", "six"]

@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from b23d.pipeline.draws import Draw
+from b23d.pipeline.planning.draws import Draw
 from b23d.pipeline.run import Run
 from b23d.stages.learn import learn
 from b23d.stages.optimize import optimize

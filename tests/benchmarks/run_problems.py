@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from b23d.pipeline.plan import LeafNode, Node, State
+from b23d.pipeline.planning.nodes import LeafNode, Node, State
 from b23d.pipeline.run import Run
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.keypoints import Keypoints

@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.config import Config, load_config, refuse_unused
 from b23d.pipeline.errors import RunFileError
-from b23d.pipeline.members import Member, members
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import Config, load_config, refuse_unused
+from b23d.pipeline.runfile.members import Member, members
 from b23d.stages.workbench.analyses import module_of
 from b23d.stages.workbench.analyses.interface import AnalysisParams, ExecutedMember, Result
 from b23d.stages.workbench.analyses.page import cells

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from b23d.pipeline.config import load_config
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import load_config
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.given import CATEGORY, GivenShapes

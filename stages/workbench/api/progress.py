@@ -8,8 +8,9 @@ import time
 from collections import Counter
 from typing import Any
 
-from b23d.pipeline.plan import Plan, State
-from b23d.pipeline.tasks import Outcome, Task
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.plan import Plan
+from b23d.pipeline.scheduling.tasks import Outcome, Task
 
 EVERY = 0.5  # seconds between two changes
 

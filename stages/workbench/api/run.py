@@ -15,11 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from b23d.pipeline.config import load_config
-from b23d.pipeline.plan import Plan
+from b23d.pipeline.planning.plan import Plan
+from b23d.pipeline.planning.selection import EVERYTHING, Selection
 from b23d.pipeline.run import Report, Run
-from b23d.pipeline.selection import EVERYTHING, Selection
-from b23d.pipeline.tasks import Outcome, Task
+from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.scheduling.tasks import Outcome, Task
 from b23d.stages.workbench.api.guard import unguarded_script
 from b23d.stages.workbench.api.progress import NotebookProgress, in_notebook
 

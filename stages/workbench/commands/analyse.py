@@ -17,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.config import Carried, load_config
+from b23d.pipeline.runfile.config import Carried, load_config
 from b23d.pipeline.verbs.options import Set, StoreUrl, Workers
 
 

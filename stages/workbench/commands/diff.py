@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from b23d.pipeline.again import run_of
+from b23d.pipeline.inspection.again import run_of
 from b23d.pipeline.verbs.options import StoreUrl
 
 

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.config import feeding, needed_for
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Report, Run
-from b23d.pipeline.selection import Selection
+from b23d.pipeline.runfile.config import feeding, needed_for
 from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def keypoints(
 ) -> None:
     """One row a keypoint: class, shape, id, name, x y z in the file's own coordinates, nearest vertex, face and
     barycentrics, confidence, present, and how sure its shape is of the class."""
-    from b23d.pipeline.inspection import passed_over
+    from b23d.pipeline.inspection.artifact import passed_over
     from b23d.stages.workbench.commands.table_files import check_suffix, write_table
     from b23d.stages.workbench.results.keypoints import keypoint_table
 

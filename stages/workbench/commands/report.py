@@ -9,10 +9,10 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from b23d.pipeline.config import Carried, load_config
-from b23d.pipeline.members import members
-from b23d.pipeline.plan import State
+from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import Carried, load_config
+from b23d.pipeline.runfile.members import members
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 
 

@@ -22,11 +22,11 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.config import Carried, load_config, refuse_unused
 from b23d.pipeline.errors import RunFileError
-from b23d.pipeline.members import Member, members
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
+from b23d.pipeline.runfile.config import Carried, load_config, refuse_unused
+from b23d.pipeline.runfile.members import Member, members
 from b23d.pipeline.verbs.options import Limit, Set, StoreUrl, Workers
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from b23d.pipeline.inspection import MARK, FrameName
+from b23d.pipeline.inspection.artifact import MARK, FrameName
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.predictions import PartPrediction

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from b23d.pipeline.errors import ArtifactNotFoundError
-from b23d.pipeline.inspection import FrameName
+from b23d.pipeline.inspection.artifact import FrameName
 from b23d.pipeline.run import Run
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.features import GeodesicDistances, PointFeatures

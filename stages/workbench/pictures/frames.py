@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from b23d.pipeline.inspection import FrameName
+from b23d.pipeline.inspection.artifact import FrameName
 from b23d.pipeline.run import Run
 from b23d.schemas.shape import NormalizedShape, Source
 from b23d.stages.normalize import NormalizeParams, normalize

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from b23d.pipeline.inspection import MARK
+from b23d.pipeline.inspection.artifact import MARK
 from b23d.stages.workbench.pictures.solids import SceneObject
 
 

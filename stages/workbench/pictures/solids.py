@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from b23d.pipeline.inspection import MARK
+from b23d.pipeline.inspection.artifact import MARK
 
 RADIUS = 0.012  # of a predicted keypoint, unit frame; annotated ones are smaller, so that both are seen where they meet
 TRUE_RADIUS = 0.008

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from b23d.pipeline.config import Config
+from b23d.pipeline.runfile.config import Config
 from b23d.schemas.scores import ClassScores, PartTable, Spread
 from b23d.stages.scoring.quoted import (
     B2_3D,

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from b23d.pipeline.plan import Plan
+from b23d.pipeline.planning.plan import Plan
+from b23d.pipeline.records.warned import warnings
 from b23d.pipeline.run import Run
-from b23d.pipeline.warned import warnings
 from b23d.schemas.runfile import Shots
 from b23d.schemas.scores import ClassScores, ScoreTable
 from b23d.stages.datasets.names import keypoint_names

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from b23d.pipeline.config import feeding
 from b23d.pipeline.errors import B23dError
-from b23d.pipeline.members import VARIANTS, Member
-from b23d.pipeline.plan import SHOTS, Plan
+from b23d.pipeline.planning.nodes import SHOTS
+from b23d.pipeline.planning.plan import Plan
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
+from b23d.pipeline.runfile.config import feeding
+from b23d.pipeline.runfile.members import VARIANTS, Member
 from b23d.schemas.scores import PartTable, ScoreTable
 from b23d.stages.workbench.results.gathering import failures
 from b23d.stages.workbench.results.summary import costs

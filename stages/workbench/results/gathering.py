@@ -9,11 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from b23d.pipeline.config import feeding
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import B23dError
-from b23d.pipeline.plan import Plan, State
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.config import feeding
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.keypoints import Keypoints

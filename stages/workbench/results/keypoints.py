@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from b23d.pipeline.config import feeding
 from b23d.pipeline.dataset import Shape
-from b23d.pipeline.plan import Node, Plan, State
+from b23d.pipeline.planning.nodes import Node, State
+from b23d.pipeline.planning.plan import Plan
+from b23d.pipeline.planning.selection import EVERYTHING, Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import EVERYTHING, Selection
+from b23d.pipeline.runfile.config import feeding
 from b23d.schemas.predictions import Prediction
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.names import keypoint_names

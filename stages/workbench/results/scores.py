@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from b23d.pipeline.planning.selection import EVERYTHING, Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import EVERYTHING, Selection
 from b23d.schemas.scores import PartScore, PartTable, ScoreTable, ShapeScore
 
 if TYPE_CHECKING:

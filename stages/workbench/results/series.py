@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.members import Member
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.selection import Selection
+from b23d.pipeline.runfile.members import Member
 from b23d.stages.workbench.results.scores import spread
 
 if TYPE_CHECKING:

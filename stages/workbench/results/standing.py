@@ -11,11 +11,11 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.config import feeding
 from b23d.pipeline.errors import B23dError
-from b23d.pipeline.execution import Report
+from b23d.pipeline.records.warned import remember_lines
 from b23d.pipeline.run import Run
-from b23d.pipeline.warned import remember_lines
+from b23d.pipeline.runfile.config import feeding
+from b23d.pipeline.scheduling.execution import Report
 from b23d.schemas.shape import NormalizedShape
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ import numpy as np
 from pydantic_core import PydanticUndefined
 
 from b23d.pipeline.errors import B23dError
-from b23d.pipeline.plan import Plan, State
+from b23d.pipeline.planning.nodes import State
+from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.run import Run
 from b23d.schemas.params import Params
 

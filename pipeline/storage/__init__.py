@@ -1,0 +1,1 @@
+"""What a store is made of, and what lies beside its artifacts."""
