@@ -179,7 +179,7 @@ def _compute(task: Task, store: Store, clock: _Clock, made: dict[str, Artifact])
     return artifact
 
 
-_KEPT: OrderedDict[tuple[str, str], Artifact] = OrderedDict()
+_KEPT: OrderedDict[tuple[str, str, str], Artifact] = OrderedDict()  # by store, stage, address
 KEEP = 16  # shots of a few classes and draws; each holds at most a feature and a distance matrix, about 10 MB
 
 
@@ -194,9 +194,9 @@ def as_stored(artifact: Artifact, schema: type[Artifact]) -> Artifact:
 
 
 def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
-    key = (item.stage, item.address)
-    if key in _MADE:
-        return as_stored(_MADE[key], schema)
+    if (item.stage, item.address) in _MADE:
+        return as_stored(_MADE[item.stage, item.address], schema)
+    key = (store.url, item.stage, item.address)
     if key in _KEPT:
         _KEPT.move_to_end(key)
         return _KEPT[key]
