@@ -52,7 +52,10 @@ class Execution(Params):
     """How to run. Never enters an address."""
 
     workers: int | None = Field(None, ge=0)
-    """Worker processes; 0 runs everything in this process; None: one a core (and one a GPU)."""
+    """Worker processes; 0 runs everything in this process; None: one a core (and `processes_per_gpu` a GPU)."""
+    processes_per_gpu: int = Field(4, ge=1)
+    """Worker processes that share each GPU: one alone would wait for the host, which renders, reads and writes, most of
+    the time. Each loads the encoder: fewer where the card's memory does not hold that many."""
     scheduler: str | None = None
     """Address of an existing dask cluster: tcp://… in a network of friends, tls://… elsewhere."""
     tls: Tls | None = None

@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import product
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
@@ -185,7 +186,7 @@ def _security(options: Execution) -> Any:
 
 
 def _start(options: Execution) -> Any:
-    """One process a core, and one more a GPU that alone offers `gpu`; `workers` bounds the former."""
+    """One process a core, and `processes_per_gpu` more a GPU that alone offer `gpu`; `workers` bounds the former."""
     from distributed import Nanny, Scheduler, Security, SpecCluster
 
     security = Security(require_encryption=False)  # on loopback; the user's dask settings are for other clusters
@@ -194,8 +195,8 @@ def _start(options: Execution) -> Any:
     count, gpus = options.workers or os.cpu_count() or 1, _gpus()
     hidden = {**ENVIRON, "CUDA_VISIBLE_DEVICES": ""} if gpus else ENVIRON
     workers = {f"cpu-{i}": {"cls": Nanny, "options": {**common, "env": hidden}} for i in range(count)}
-    for gpu in gpus:
-        workers[f"gpu-{gpu}"] = {
+    for gpu, i in product(gpus, range(options.processes_per_gpu)):
+        workers[f"gpu-{gpu}-{i}"] = {
             "cls": Nanny,
             "options": {**common, "env": {**ENVIRON, "CUDA_VISIBLE_DEVICES": gpu}, "resources": {"gpu": 1}},
         }

@@ -75,6 +75,7 @@ class Encoder:
                 f"got {patches.dtype} {patches.shape} with {patches.sum()}; give the patches of these images"
             )
         patches = patches.reshape(views, -1)
+        counts = patches.sum(axis=1)
         budget = (batch or self.backbone.batch) * patches.shape[1]
         if batch is None and self.device == "cuda":
             budget = patches.size  # the whole shape at once, if the card's memory holds it
@@ -84,7 +85,7 @@ class Encoder:
             for chosen, kept in self._groups(patches):
                 for part, rows, first in self._passes(images, chosen, kept, budget):
                     for view, row in zip(part, rows, strict=True):
-                        tokens[view] = row
+                        tokens[view] = row[: counts[view]]
                     if first is not None:
                         for view, row in zip(part, first, strict=True):
                             classes[view] = row
@@ -92,32 +93,38 @@ class Encoder:
             return self._half(torch.cat(tokens)), self._half(torch.stack(classes)) if self.class_token else None
 
     def _groups(self, patches: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
-        """Views with equally many patches, which go through together without padding, and these patches (b, n)."""
+        """Views that go through together, those with the most patches first, and their patches as `Backbone` has them.
+
+        On a CPU a transformer has views with equally many, without padding; a card, which would wait for the host at
+        every one of these small groups, all of them.
+        """
         counts = patches.sum(axis=1)
-        for count in np.unique(counts):
-            chosen = np.flatnonzero(counts == count)
-            whole = count == patches.shape[1]
-            yield chosen, None if whole else np.nonzero(patches[chosen])[1].reshape(len(chosen), count)
+        if self.whole or self.device == "cuda":
+            groups = [np.argsort(-counts, kind="stable")]
+        else:
+            groups = [np.flatnonzero(counts == count) for count in np.unique(counts)]
+        for chosen in groups:
+            yield chosen, None if patches[chosen].all() else _padded(patches[chosen])
 
     def _passes(
         self, images: np.ndarray, chosen: np.ndarray, kept: np.ndarray | None, budget: int
     ) -> Iterator[tuple[np.ndarray, Tensor, Tensor | None]]:
         """Tokens (b, n, channel) and class tokens (b, channel) of as many of the `chosen` views as go at a time."""
         grid = self.grid[0] * self.grid[1]
-        step = max(budget // (grid if kept is None or self.whole else kept.shape[1]), 1)
-        start = 0
+        most, start = budget, 0
         while start < len(chosen):
-            part = chosen[start : start + step]
-            places = None if kept is None else self._sent(torch.from_numpy(kept[start : start + step]))
+            widest = grid if kept is None or self.whole else int((kept[start] >= 0).sum())
+            part = chosen[start : start + max(most // widest, 1)]
+            places = None if kept is None else self._sent(torch.from_numpy(kept[start : start + len(part), :widest]))
             try:
                 rows, first = self._forward(images[part], places)
             except torch.OutOfMemoryError:
-                if step == 1:
+                if len(part) == 1:
                     raise
-                step = max(min(step, len(part)) // 2, 1)
+                most = len(part) // 2 * widest
                 continue
             yield part, rows, first
-            start += step
+            start += len(part)
 
     def _forward(self, images: np.ndarray, kept: Tensor | None) -> tuple[Tensor, Tensor | None]:
         dtype = torch.bfloat16 if self.precision == "bf16" else torch.float32
@@ -126,7 +133,7 @@ class Encoder:
         )
         tokens, first = self.backbone.network(pixels, None if self.whole else kept)
         if self.whole and kept is not None:
-            tokens = tokens.gather(1, kept[..., None].expand(-1, -1, tokens.shape[-1]))
+            tokens = tokens.gather(1, kept.clamp(min=0)[..., None].expand(-1, -1, tokens.shape[-1]))
         return tokens, first
 
     def _sent(self, values: Tensor) -> Tensor:
@@ -147,3 +154,10 @@ class Encoder:
         # On CUDA, fp32 means fp32: convolutions would otherwise round their inputs to TF32.
         fp32 = self.device == "cuda" and self.precision == "fp32"
         return torch.backends.cudnn.flags(enabled=True, allow_tf32=False) if fp32 else nullcontext()
+
+
+def _padded(patches: np.ndarray) -> np.ndarray:
+    """bool (b, patch) → int64 (b, n): which patches of each view, ascending, and -1 where it has fewer than another."""
+    counts = patches.sum(axis=1, keepdims=True)
+    first = np.argsort(~patches, axis=1, kind="stable")[:, : counts.max()]
+    return np.where(np.arange(first.shape[1]) < counts, first, -1)

@@ -55,7 +55,8 @@ class Backbone:
     """A network whose `forward(pixels (b, 3, s, s), kept)` is `(tokens (b, n, channel), class (b, channel) | None)`.
 
     `kept`: int64 (b, n), which patches of each view exist, counted row by row and ascending; None: all of them. Tokens
-    are theirs, in that order.
+    are theirs, in that order. A view with fewer than another has -1 after its own: no token sees these places, and
+    what comes out there means nothing.
     """
 
     network: nn.Module

@@ -4,12 +4,15 @@ wanted."""
 from __future__ import annotations
 
 import pickle
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from b23d.stages.encoders.interface import Pixels, Resample, Triple
+from b23d.stages.encoders.padding import blind_to_padding
 from b23d.stages.encoders.weights import CONFIG, PREPROCESSOR, TORCH, Checkpoint, read_json
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -129,18 +132,19 @@ class Blocks(nn.Module):
         Patches that are not `kept` are taken out once all are embedded, so that the others keep their positions.
         """
         taken: list[Tensor] = []
+        places = None if kept is None else kept.clamp(min=0)
 
         def keep(_module: nn.Module, _inputs: Any, output: Any) -> None:
             taken.append(output[0] if isinstance(output, tuple) else output)
 
         def leave_out(_module: nn.Module, _inputs: Any, rows: Tensor) -> Tensor:
-            assert kept is not None
+            assert places is not None
             views = torch.arange(len(rows), device=rows.device)[:, None]
             before = torch.arange(self.prefix, device=rows.device).expand(len(rows), -1)
-            return rows[views, torch.cat([before, kept + self.prefix], 1)]
+            return rows[views, torch.cat([before, places + self.prefix], 1)]
 
         def leave_out_angles(_module: nn.Module, _inputs: Any, angles: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
-            return tuple(one[kept][:, None] for one in angles)  # (patch, d) → (b, head, n, d)
+            return tuple(one[places][:, None] for one in angles)  # (patch, d) → (b, head, n, d)
 
         hooks = [self.layers[block].register_forward_hook(keep) for block in self.blocks]
         if kept is not None:
@@ -148,11 +152,18 @@ class Blocks(nn.Module):
             if rotary := self.find("rope_embeddings"):
                 hooks.append(rotary.register_forward_hook(leave_out_angles))
         try:
-            output = self.model(pixels, **options)
+            with self.blind(kept, pixels.dtype):
+                output = self.model(pixels, **options)
         finally:
             for hook in hooks:
                 hook.remove()
         return taken, output
+
+    def blind(self, kept: Tensor | None, dtype: torch.dtype) -> AbstractContextManager[None]:
+        """To padding, if there is any."""
+        if kept is None or not bool((kept < 0).any()):
+            return nullcontext()
+        return blind_to_padding(self.model, functional.pad(kept < 0, (self.prefix, 0)), dtype)
 
     def find(self, name: str) -> Any:
         """The model's submodule of that name, at whatever depth this version of transformers has it; None if none."""
