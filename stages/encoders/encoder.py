@@ -95,8 +95,8 @@ class Encoder:
     def _groups(self, patches: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
         """Views that go through together, those with the most patches first, and their patches as `Backbone` has them.
 
-        On a CPU a transformer has views with equally many, without padding; a card, which would wait for the host at
-        every one of these small groups, all of them.
+        On a CPU a transformer has views with equally many, without padding. A card has all of them: it would wait for
+        the host at every one of these small groups (ViT-S, a shape's 62 views, H200: 159 ms in groups, 11 ms at once).
         """
         counts = patches.sum(axis=1)
         if self.whole or self.device == "cuda":
