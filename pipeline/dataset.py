@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from b23d.pipeline.errors import unreadable
 from b23d.schemas.artifact import Artifact
 from b23d.schemas.params import Params
 from b23d.schemas.up_axis import Up, axes_of
@@ -36,8 +37,15 @@ class Leaf:
 
     def read(self) -> Artifact:
         """What the leaf holds. Raises OSError where a file cannot be read, ValueError where `load` refuses it."""
-        files = {name: path.read_bytes() for name, path in self.files.items()}
+        files = {name: _bytes(path) for name, path in self.files.items()}
         return self.load(files, {**self.values, **self.context})
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
 
 
 UNORIENTED = "unoriented"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import ClassVar
 
 
@@ -65,6 +66,24 @@ class ClusterError(B23dError, ConnectionError):
 
 class HistoryError(B23dError, LookupError):
     """A record of an execution that is not there, or that cannot be run again."""
+
+
+REMEDIES: dict[type[OSError], str] = {
+    FileNotFoundError: "restore it",
+    PermissionError: "give it back its permissions",
+}
+
+
+def unreadable(path: Path, error: OSError) -> OSError:
+    """The system's error about a file of a shape in our words, and of its own type. The file is called by its name
+    alone: the shape's stands before it."""
+    remedy = REMEDIES.get(type(error), "restore it, or try again")
+    return type(error)(f"expected to read {path.name}, got {reason(error)}; {remedy}")
+
+
+def reason(error: Exception) -> str:
+    """What an error says, to stand after "got" where the file is named already: of a system's error its cause alone."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def naming(shape: str, message: str) -> str:

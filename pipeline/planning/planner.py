@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 from b23d.pipeline.address import StageAddress, leaf_address, sha256
 from b23d.pipeline.dataset import Shape
+from b23d.pipeline.errors import unreadable
 from b23d.pipeline.planning.contents import Contents
 from b23d.pipeline.planning.draws import Draw, draw_examples
 from b23d.pipeline.planning.nodes import MISSING, LeafNode, Node, State
@@ -202,10 +204,16 @@ class Planner:
         key = (shape.name, name)
         if key not in self.leaves:
             try:
-                files = {file: self.index.file_digest(path) for file, path in leaf.files.items()}
+                files = {file: self._digest(path) for file, path in leaf.files.items()}
                 self.leaves[key] = LeafNode(leaf, leaf_address(leaf.values, files))
             except (OSError, ValueError) as error:
                 self.leaves[key] = LeafNode(
                     leaf, sha256(f"{MISSING}:{shape.name}"), f"{type(error).__name__}: {shape.name}: {error}"
                 )
         return self.leaves[key]
+
+    def _digest(self, path: Path) -> str:
+        try:
+            return self.index.file_digest(path)
+        except OSError as error:
+            raise unreadable(path, error) from error

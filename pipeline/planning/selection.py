@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from b23d.pipeline.dataset import Shape
-from b23d.pipeline.errors import SelectionError
+from b23d.pipeline.errors import SelectionError, reason
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,9 @@ def _patterns(texts: Iterable[str]) -> Iterable[str]:
         try:
             lines = path.read_text(encoding="utf-8").splitlines()
         except (OSError, UnicodeDecodeError) as error:
-            raise SelectionError(f"--shape @{path}: expected a text file with a shape a line, got {error}") from error
+            raise SelectionError(
+                f"--shape @{path}: expected a text file with a shape a line, got {reason(error)}"
+            ) from error
         yield from (line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#"))
 
 

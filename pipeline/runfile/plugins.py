@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from b23d.pipeline.dataset import DATASETS
-from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.errors import RunFileError, reason
 from b23d.pipeline.stage import STAGES
 
 PREFIX = "b23d_plugin_"
@@ -37,7 +37,7 @@ class Plugin:
             return cls(str(path), path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise RunFileError(
-                f"plugins.modules: expected a Python file {path}, got {error}; check the path"
+                f"plugins.modules: expected a Python file {path}, got {reason(error)}; check the path"
             ) from error
 
     @property

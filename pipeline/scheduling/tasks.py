@@ -89,6 +89,7 @@ class Outcome:
     """Seconds of everything else a worker did: reading, checking, writing."""
     stored_bytes: int = 0
     peak_mb: float = 0.0
+    """Most memory of the worker while it was made; of the worker so far, where the system tells no more."""
     content: str = ""
     """Digest of what was made, and of what it was made of: see `pipeline/address.py`."""
     key: str | None = None

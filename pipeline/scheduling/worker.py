@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import re
-import resource
 import time
 import traceback
 from collections import OrderedDict, defaultdict
@@ -19,6 +17,7 @@ import numpy as np
 
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError, StoreError, naming
 from b23d.pipeline.scheduling.listening import Said, listening
+from b23d.pipeline.scheduling.memory import peak_mb, reset_peak
 from b23d.pipeline.scheduling.provenance import provenance
 from b23d.pipeline.scheduling.tasks import Loaded, Outcome, Stored, Task
 from b23d.pipeline.stage import load_stages_once
@@ -62,7 +61,7 @@ def run_task(task: Task, keep: bool = False, apart: bool = False) -> Outcome:
     store = _store(task.store)
     clock, said = _Clock(), Said()
     try:
-        _reset_peak()
+        reset_peak()
         with listening(apart) as said:
             artifact = _compute(task, store, clock, {})
         spent = clock.seconds
@@ -211,18 +210,3 @@ def _read(store: Store, item: Stored, schema: type[Artifact]) -> Artifact:
 @cache
 def _store(url: str) -> Store:
     return Store(url)
-
-
-def _reset_peak() -> None:
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")  # Linux: the high-water mark starts anew
-
-
-def peak_mb() -> float:
-    """This process's peak resident memory, of the running task where the system can tell (Linux), else since its
-    start."""
-    try:
-        line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
-        return int(line.split()[1]) / 1024
-    except (OSError, StopIteration):
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from b23d.pipeline.errors import NotAStoreError, StoreError
+from b23d.pipeline.errors import NotAStoreError, StoreError, reason
 
 MARKER = "b23d-store.json"
 FORMAT = 1
@@ -67,5 +67,7 @@ def names(fs: Any, folder: str) -> list[str]:
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         return []
     except Exception as error:  # object stores raise what they like
-        raise StoreError(f"store: expected to list {folder}, got {error}; mend that, or give another") from error
+        raise StoreError(
+            f"store: expected to list {folder}, got {reason(error)}; mend that, or give another"
+        ) from error
     return sorted(path.rsplit("/", 1)[-1] for path in found if path != folder.rstrip("/"))

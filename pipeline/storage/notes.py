@@ -5,7 +5,7 @@ from __future__ import annotations
 import uuid
 from pathlib import Path
 
-from b23d.pipeline.errors import StoreError
+from b23d.pipeline.errors import StoreError, reason
 from b23d.pipeline.store import Store
 
 
@@ -25,5 +25,5 @@ def put_note(store: Store, name: str, data: bytes) -> None:
             aside.unlink(missing_ok=True)
     except Exception as error:
         raise StoreError(
-            f"store {store.url}: expected room to write, got {error}; mend that, or give another"
+            f"store {store.url}: expected room to write, got {reason(error)}; mend that, or give another"
         ) from error

@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.verbs.options import Json, StoreUrl
+from b23d.pipeline.verbs.options import Json, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 SHOWN = 20  # failures that are printed
@@ -21,6 +21,7 @@ def log(
     what: Annotated[
         str | None, typer.Argument(metavar="[RUN|ID]", help="A run file, or the id of one record.", show_default=False)
     ] = None,
+    set: Set = [],
     store: StoreUrl = None,
     keep: Annotated[
         bool | None,
@@ -29,13 +30,11 @@ def log(
     as_json: Json = False,
 ) -> None:
     """Every execution of a store, or of one run file; with an ID, one of them in full."""
-    from b23d.pipeline.inspection.again import STORE
     from b23d.pipeline.records import history
-    from b23d.pipeline.run import Run
-    from b23d.pipeline.store import Store
+    from b23d.pipeline.verbs.stores import store_of
 
     path = Path(what) if what is not None and Path(what).is_file() else None
-    opened = Run.load(path, (), store).store if path is not None else Store(store or STORE)
+    opened = store_of(path, set, store)
     if what is not None and path is None:
         record = history.find(opened, what)
         if keep is not None:

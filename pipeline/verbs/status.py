@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from b23d.pipeline.verbs.options import Json, StoreUrl
+from b23d.pipeline.verbs.options import Json, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
 
 SHOWN = 4  # tasks in hand that a row names
@@ -22,16 +22,15 @@ def status(
     run: Annotated[
         Path | None, typer.Argument(metavar="[RUN]", help="Run file whose store to look into.", show_default=False)
     ] = None,
+    set: Set = [],
     store: StoreUrl = None,
     as_json: Json = False,
 ) -> None:
     """Runs that are going on over a store, on this machine or others."""
-    from b23d.pipeline.inspection.again import STORE
-    from b23d.pipeline.run import Run
     from b23d.pipeline.storage.roots import leases
-    from b23d.pipeline.store import Store
+    from b23d.pipeline.verbs.stores import store_of
 
-    opened = Run.load(run, (), store).store if run is not None else Store(store or STORE)
+    opened = store_of(run, set, store)
     told = leases(opened)
     if as_json:
         print(json.dumps(told, indent=1))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import posixpath
 from pathlib import Path
 from typing import Any, Literal
 
@@ -66,7 +65,7 @@ def _file(name: str, path: Path) -> Leaf:
     mesh = None if suffix in CLOUD_SUFFIXES else str(path)
     beside = Companions(str(other) for other in path.parent.iterdir()).of(mesh) if mesh else {}
     cloud = str(path) if mesh is None else None
-    return source_leaf(f"{CATEGORY}/{posixpath.basename(path)}", mesh, cloud, beside)
+    return source_leaf(f"{CATEGORY}/{name}", mesh, cloud, beside)
 
 
 def load_given(files: dict[str, bytes], values: dict[str, Any]) -> Source:

@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
+from b23d.pipeline.errors import reason
 from b23d.schemas.parts import Parts
 from b23d.schemas.shape import Source
 from b23d.stages.datasets.folder import NO_SHAPES
@@ -113,7 +114,7 @@ class ShapeNetPart(Dataset):
                 splits.update({"/".join(entry.split("/")[-2:]): split for entry in json.loads(path.read_text())})
             except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
                 raise ValueError(
-                    f"{path}: expected a list of `shape_data/<synset>/<id>`, got {error}; restore the file"
+                    f"{path}: expected a list of `shape_data/<synset>/<id>`, got {reason(error)}; restore the file"
                 ) from error
         return splits
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from b23d.pipeline.dataset import Dataset, Shape
+from b23d.pipeline.errors import naming
 from b23d.schemas.shape import Source
 from b23d.stages.datasets.folder import Folder
 from b23d.stages.datasets.keypointnet import KeypointNet
@@ -98,7 +99,7 @@ def survey(root: Path, watch: Callable[[int, int], None] = lambda done, total: N
         try:
             measured.setdefault(shape.category, []).append(_measure(shape))
         except (OSError, ValueError) as error:
-            problems.append(str(error))
+            problems.append(naming(shape.name, str(error)))
         watch(done, len(chosen))
     for name, each in classes.items():
         _summarise(each, measured.get(name, []))

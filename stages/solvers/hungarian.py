@@ -25,7 +25,7 @@ def hungarian(problem: Problem, order: Assignment = "labelled") -> np.ndarray:
 
     if problem.k > problem.n:
         raise ValueError(
-            f"assignment: expected at least {problem.k} candidates, got {problem.n}; sample more candidates"
+            f"the target: expected at least {problem.k} candidates, got {problem.n}; sample more, one for each keypoint"
         )
     # rows come back sorted, so columns are in the keypoints' order: labels stay
     choice: np.ndarray = linear_sum_assignment(np.sqrt(problem.feature_costs))[1]

@@ -14,6 +14,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.memory import peak_mb, reset_peak
 from tests.toy import make_idle
 
 WORKERS = 2
@@ -25,6 +26,7 @@ def cpu(who: int) -> float:
 
 
 def main(count: int) -> None:
+    reset_peak()
     with tempfile.TemporaryDirectory() as folder:
         path = make_idle(Path(folder), count)
         run = Run.load(path)
@@ -42,10 +44,12 @@ def main(count: int) -> None:
         again = cpu(resource.RUSAGE_SELF)
         assert Run.load(path).execute(workers=WORKERS).done == []
         again = cpu(resource.RUSAGE_SELF) - again
-    peak = [resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    client_mb = peak_mb()
+    worker = max(outcome.peak_mb for outcome in report.done)
     print(f"{count} shapes, {tasks} tasks: planned in {planning:.2f} s CPU; {wall:.1f} s wall")
     print(f"a stage: {1000 * workers / tasks:.2f} ms CPU in a worker, {1000 * client / tasks:.2f} ms in the client")
-    print(f"peak memory: client with scheduler {peak[0]:.0f} MB, worker {peak[1]:.0f} MB; re-run {again:.2f} s CPU")
+    print(f"peak memory: client with scheduler {client_mb:.0f} MB, a task in a worker {worker:.0f} MB")
+    print(f"re-run {again:.2f} s CPU")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import load_config
 from b23d.schemas.features import GeodesicDistances, PointFeatures
@@ -60,7 +61,7 @@ def features(
 
     It runs in this process. Descriptors are made at 2,048 points of the surface (`stages.normalize.count`), smoothed as
     the run file's would be, and interpolated. Raises FileNotFoundError, ValueError or TypeError where `mesh` is no
-    shape, and RuntimeError with the stage's own message where a stage fails.
+    shape or an option is not what it should be, and RuntimeError with the stage's own message where a stage fails.
     """
     (described,) = describe({"mesh": mesh}, encoder, overrides, store)
     where = described.shape.vertices if points is None else described.shape.to_unit(np.asarray(points, np.float64))
@@ -99,7 +100,12 @@ def _distances(run: Run, name: str) -> np.ndarray:
 def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[str], store: str | None) -> Run:
     """The run over shapes that were handed over; its record lies beside the store's own files."""
     chosen = [*overrides, *([f"stages.extract.encoder={encoder}"] if encoder is not None else [])]
-    config = load_config(RUN_FILE, chosen)
+    try:
+        config = load_config(RUN_FILE, chosen)
+    except RunFileError as error:  # nobody has written this run file: what was asked for is at fault
+        message = str(error).replace(f"run file {RUN_FILE}: ", "")
+        asked = message.replace("[stages.extract]: encoder", "encoder") if encoder is not None else message
+        raise RunFileError(asked) from error
     run = Run(replace(config, dataset=GivenShapes.of(**things)), store_place(store))
     run.folder = Path(run.store.root if run.store.local else Path.cwd()) / ".given"
     return run

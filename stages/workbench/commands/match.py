@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.verbs.options import Set, StoreUrl
 from b23d.stages.correspondence.matching import Method
 
@@ -50,8 +51,11 @@ def match(
         raise ValueError(
             f"-o {out}: expected a file of .ply or .glb, got {out.suffix or 'no suffix'!r}; change its name"
         )
-    with console.status("describing both shapes"):
-        found = matched(a, b, method=method, encoder=encoder, overrides=set, store=store)
+    try:
+        with console.status("describing both shapes"):
+            found = matched(a, b, method=method, encoder=encoder, overrides=set, store=store)
+    except RunFileError as error:
+        raise RunFileError(("--" if str(error).startswith("encoder ") else "") + str(error)) from error
     found.write(out)
     page = page or out.with_suffix(".html")
     write_match_page(found, (a.name, b.name), page)
