@@ -15,7 +15,8 @@ CLIP = 0.2
 BEST = 3
 """Starts that are followed up."""
 SWEEPS, ROUNDS = 4, 2
-ROWS = 256
+ROWS = 32
+"""Points whose costs are added up at a time: few enough that their table stays in a core's cache."""
 
 
 def guesses(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> list[tuple[float, np.ndarray]]:
@@ -25,7 +26,7 @@ def guesses(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> list[tupl
     `alike` (n, m) likeness; `own` (n, n) and `theirs` (m, m) distances along the surfaces, unit frames. Landmarks are
     matched one after another, then improved in turn.
     """
-    at = spread(own, min(LANDMARKS, len(own)))
+    at = landmarks(own)
     looks, between = alike[at], own[np.ix_(at, at)]
     tried: dict[bytes, tuple[float, np.ndarray]] = {}
     for start in _starts(looks[0], theirs):
@@ -36,17 +37,26 @@ def guesses(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> list[tupl
         for _ in range(ROUNDS):
             dense = _dense(alike, own[:, at], theirs[:, matched])
             matched = dense[at]
-        found.append((cost(dense, alike, own, theirs), dense))
+        found.append((cost(dense, at, alike, own, theirs), dense))
     return sorted(found, key=lambda guess: guess[0])
 
 
-def cost(matched: np.ndarray, alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> float:
-    """Of a map (n,): how far landmarks' mutual distances change, how little points are alike, and how little of the
-    other shape is reached."""
-    at = spread(own, min(LANDMARKS, len(own)))
-    differ = np.minimum(np.abs(own[np.ix_(at, at)] - theirs[np.ix_(matched[at], matched[at])]), CLIP)
+def landmarks(own: np.ndarray) -> np.ndarray:
+    """The points (l,) of a shape that stand for it, by (n, n) distances."""
+    return spread(own, min(LANDMARKS, len(own)))
+
+
+def cost(matched: np.ndarray, at: np.ndarray, alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> float:
+    """Of a map (n,): how far the mutual distances of landmarks `at` (l,) change, how little points are alike, and how
+    little of the other shape is reached."""
     reached = len(np.unique(matched)) / len(matched)
-    return float(ALPHA * differ.mean() - alike[np.arange(len(matched)), matched].mean() - reached)
+    bent = _bent(own[np.ix_(at, at)], theirs, matched[at])
+    return bent - float(alike[np.arange(len(matched)), matched].mean()) - reached
+
+
+def _bent(between: np.ndarray, theirs: np.ndarray, found: np.ndarray) -> float:
+    """What it costs that landmarks, `between` (l, l) apart here, are as far apart there as their matches (l,)."""
+    return float(ALPHA * np.minimum(np.abs(between - theirs[np.ix_(found, found)]), CLIP).mean())
 
 
 def spread(distances: np.ndarray, count: int) -> np.ndarray:
@@ -85,15 +95,20 @@ def _matched(looks: np.ndarray, between: np.ndarray, theirs: np.ndarray, start: 
             found[landmark] = best(landmark, np.delete(np.arange(count), landmark))
         if np.array_equal(found, before):
             break
-    differ = np.minimum(np.abs(between - theirs[np.ix_(found, found)]), CLIP)
-    return float(ALPHA * differ.mean() - looks[np.arange(count), found].mean()), found
+    return _bent(between, theirs, found) - float(looks[np.arange(count), found].mean()), found
 
 
 def _dense(alike: np.ndarray, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """(n,) of least cost, given distances from landmarks here (n, l) and from their matches there (m, l)."""
     found = np.empty(len(alike), np.int64)
+    there = np.ascontiguousarray(theirs.T)
     for start in range(0, len(alike), ROWS):
         rows = slice(start, start + ROWS)
-        differ = np.minimum(np.abs(own[rows, None] - theirs[None]), CLIP).mean(axis=2)
-        found[rows] = (ALPHA * differ - alike[rows]).argmin(axis=1)
+        total, differ = np.zeros((2, *alike[rows].shape), np.float32)
+        for here, other in zip(own[rows].T, there, strict=True):
+            np.subtract(here[:, None], other, out=differ)
+            np.abs(differ, out=differ)
+            np.minimum(differ, np.float32(CLIP), out=differ)
+            total += differ
+        found[rows] = (total * np.float32(ALPHA / len(there)) - alike[rows]).argmin(axis=1)
     return found

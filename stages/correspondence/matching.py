@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from b23d.stages.correspondence.functional import eigenfunctions, refined
-from b23d.stages.correspondence.landmarks import cost, guesses
+from b23d.stages.correspondence.landmarks import cost, guesses, landmarks
 from b23d.stages.correspondence.sides import side_channels
 from b23d.stages.correspondence.surfaces import FeaturedSurface, cosines
 
@@ -44,7 +44,8 @@ def correspond(first: FeaturedSurface, second: FeaturedSurface, method: Method) 
         return found[0][1]
     waves = _waves("the first shape", first), _waves("the second shape", second)
     smooth = [refined(guess, *waves) for _, guess in found]
-    return min(smooth, key=lambda matched: cost(matched, alike, here, there))
+    at = landmarks(here)
+    return min(smooth, key=lambda matched: cost(matched, at, alike, here, there))
 
 
 def _waves(which: str, shape: FeaturedSurface) -> np.ndarray:

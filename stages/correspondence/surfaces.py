@@ -32,6 +32,10 @@ def cosines(own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 def centred(features: np.ndarray) -> np.ndarray:
     """(n, channel) float32 less their mean, of unit length."""
-    away = features.astype(np.float32) - features.mean(axis=0, dtype=np.float32)
-    found: np.ndarray = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+    return unit(features.astype(np.float32) - features.mean(axis=0, dtype=np.float32))
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """(n, channel) of unit length; rows of zeros stay."""
+    found: np.ndarray = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
     return found

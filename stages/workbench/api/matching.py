@@ -11,7 +11,7 @@ import numpy as np
 
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.correspondence.matching import Method, check_method, correspond
-from b23d.stages.correspondence.surfaces import FeaturedSurface, centred
+from b23d.stages.correspondence.surfaces import FeaturedSurface, centred, unit
 from b23d.stages.workbench.api.features import DescribedShape, describe
 from b23d.stages.workbench.pictures.frames import in_frame, sampled
 from b23d.stages.workbench.pictures.solids import SceneObject, write_glb, write_ply
@@ -92,13 +92,13 @@ def match(
 
 def alike(a: DescribedShape, b: DescribedShape) -> tuple[np.ndarray, np.ndarray]:
     """(v,) the candidate of b whose descriptor is nearest to that of each vertex of a, and their cosine."""
-    mean_a, mean_b = (described.features.features.mean(0, dtype=np.float32) for described in (a, b))
-    theirs = _unit(b.features.features.astype(np.float32) - mean_b)
+    mean_a = a.features.features.mean(axis=0, dtype=np.float32)
+    theirs = centred(b.features.features)
     vertices = a.shape.vertices
     nearest, similarity = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.float32)
     for start in range(0, len(vertices), CHUNK):
         rows = slice(start, start + CHUNK)
-        cosine = _unit(a.at(vertices[rows]) - mean_a) @ theirs.T
+        cosine = unit(a.at(vertices[rows]) - mean_a) @ theirs.T
         nearest[rows] = cosine.argmax(axis=1)
         similarity[rows] = cosine.max(axis=1)
     return nearest, similarity
@@ -135,7 +135,3 @@ def candidate_colors(shape: NormalizedShape) -> np.ndarray:
         return shape.vertex_colors[cKDTree(shape.vertices).query(shape.points)[1]]
     low, side = shape.points.min(axis=0), np.ptp(shape.points, axis=0)
     return np.rint(255 * (shape.points - low) / np.maximum(side, 1e-9)).astype(np.uint8)
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
