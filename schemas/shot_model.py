@@ -85,7 +85,8 @@ class ShotModel(Artifact):
     """Of the descriptor over all points of all shots that have keypoints."""
     scale: Annotated[np.ndarray, ArraySpec("descriptor", "float32")]
     covariance: Annotated[np.ndarray, ArraySpec("descriptor descriptor", "float64")]
-    """Of the standardised descriptors over the same points, with the ridge."""
+    """Of the standardised descriptors over the same points, moved towards that of keypoints' own from shot to shot;
+    with the ridge."""
 
     radii: tuple[float, ...]
     """Of the local geometry, in longest sides of the box."""

@@ -218,9 +218,15 @@ def test_what_shots_and_target_show_is_present(presence: str) -> None:
 def test_confidence_is_that_of_the_place() -> None:
     """A shot found on itself is surer than what looks like nothing; other methods claim none."""
     shots = [box_cloud(0), box_cloud(1), box_cloud(2)]
-    shape, described, *rest = box_cloud(3)
-    noise = np.random.default_rng(0).normal(0, 1, described.features.shape).astype(np.float16)
-    itself, other = run(shots[0], shots), run((shape, described.model_copy(update={"features": noise}), *rest), shots)  # type: ignore[arg-type]
+    shape, described, geodesic, keypoints = box_cloud(3)
+    solid = np.random.default_rng(0).uniform(-0.5, 0.5, shape.points.shape).astype(np.float32)
+    nothing = (
+        shape.model_copy(update={"points": solid, "vertices": solid}),
+        described.model_copy(update={"features": np.ones_like(described.features)}),
+        geodesic.model_copy(update={"distances": np.linalg.norm(solid[:, None] - solid, axis=2).astype(np.float16)}),
+        keypoints,
+    )
+    itself, other = run(shots[0], shots), run(nothing, shots)
     for found in (itself, other):
         assert found.confidence is not None and (found.confidence >= 0).all() and (found.confidence <= 1 + 1e-5).all()
     assert itself.confidence is not None and other.confidence is not None

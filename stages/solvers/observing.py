@@ -19,6 +19,7 @@ from b23d.stages.solvers.posterior.learning import (
     basis_of,
     deformation_covariance,
     deviations_of,
+    discriminating_covariance,
     frame_gate,
     learned_covariance,
 )
@@ -76,6 +77,12 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
     shifts = gather([one.shift[points] for one, points in zip(prepared, at, strict=True)])
     shifted = deviations_of(has, shifts.astype(np.float64), near)
     prior = deformation_covariance(mean_places, params.deformation) * gate
+    described = gather(
+        [
+            (descriptors(one, basis.basis)[points] - basis.mean) / basis.scale
+            for one, points in zip(prepared, at, strict=True)
+        ]
+    )
     tokens = [token for shot in shots if (token := shot.features.class_token) is not None]
     observed: dict[str, Any] = {
         "shots": [str(shot.index) for shot in shots],
@@ -87,12 +94,7 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "deviating": np.isfinite(shifted[..., 0]).sum(0).astype(np.int32),
         "places": places,
         "shifts": shifts,
-        "descriptors": gather(
-            [
-                (descriptors(one, basis.basis)[points] - basis.mean) / basis.scale
-                for one, points in zip(prepared, at, strict=True)
-            ]
-        ),
+        "descriptors": described,
         "distances": between,
         "features": gather(keypoint_features),
         "turns": turns,
@@ -104,7 +106,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "basis": basis.basis,
         "mean": basis.mean,
         "scale": basis.scale,
-        "covariance": basis.covariance,
+        "covariance": discriminating_covariance(basis.covariance, described, has)
+        + params.ridge * np.eye(len(basis.mean)),
         "radii": params.radii,
         "feature_scale": params.template.features,
         "distance_scale": params.template.distances,

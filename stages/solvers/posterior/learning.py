@@ -12,6 +12,9 @@ from b23d.stages.solvers.learn_options import Deformation, LearnParams
 from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, squared
 from b23d.stages.solvers.posterior.weighing import FAR
 
+WORTH = 100.0  # examples, beyond each id's first, that make keypoints' own covariance count as much as all points'
+COPIES = 1e-6  # examples that differ by less than this share of what points do are copies, and tell nothing
+
 
 @dataclass(frozen=True)
 class DescriptorBasis:
@@ -23,7 +26,7 @@ class DescriptorBasis:
     scale: np.ndarray
     """(c + g,) float32, of the descriptor over all points of all shots."""
     covariance: np.ndarray
-    """(c + g, c + g) float64 of the standardised descriptor over the same points, with the ridge."""
+    """(c + g, c + g) of the standardised descriptor over the same points."""
 
 
 def basis_of(shots: Sequence[Prepared], params: LearnParams) -> DescriptorBasis:
@@ -35,8 +38,22 @@ def basis_of(shots: Sequence[Prepared], params: LearnParams) -> DescriptorBasis:
     every = np.concatenate([descriptors(shot, basis) for shot in shots])
     mean, scale = every.mean(0), every.std(0) + np.float32(1e-6)
     every = (every - mean) / scale
-    covariance = every.T @ every / len(every) + params.ridge * np.eye(every.shape[1])
-    return DescriptorBasis(np.ascontiguousarray(basis), mean, scale, covariance)
+    return DescriptorBasis(np.ascontiguousarray(basis), mean, scale, every.T @ every / len(every))
+
+
+def discriminating_covariance(everywhere: np.ndarray, examples: np.ndarray, has: np.ndarray) -> np.ndarray:
+    """(d, d) float64, against which discriminants are taken: the covariance of all points (d, d), moved towards that of
+    each id's examples (s, k, d) about their mean, where `has` (s, k), as far as there are some (Fisher's linear
+    discriminant; Friedman, 1989): what differs from shot to shot at one keypoint tells little. Its trace stays."""
+    several = has & (has.sum(0) > 1)
+    free = int(several.sum() - several.any(0).sum())
+    mean = np.einsum("sk,skd->kd", has.astype(np.float64), examples) / np.maximum(has.sum(0), 1)[:, None]
+    apart = (examples - mean)[several]
+    squares, wanted = float((apart**2).sum()), float(np.trace(everywhere))
+    if squares <= COPIES * free * wanted:
+        return np.asarray(everywhere, np.float64)
+    share = free / (free + WORTH)
+    return np.asarray((1 - share) * everywhere + share * wanted / squares * (apart.T @ apart))
 
 
 def deformation_covariance(places: np.ndarray, params: Deformation) -> np.ndarray:
