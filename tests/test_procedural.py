@@ -17,8 +17,9 @@ import trimesh
 from b23d.pipeline.dataset import DATASETS
 from b23d.stages.datasets.procedural import VERSION, Procedural, generated, load_keypoints, load_parts, load_source
 from b23d.stages.datasets.procedural.assembling import BuiltShape
+from b23d.stages.datasets.procedural.pairs import made
 
-CLASSES = ("chair", "table", "airplane", "mug")
+CLASSES = ("chair", "table", "airplane", "mug", "quadruped")
 EACH = 24
 FLIP = np.array([-1.0, 1.0, 1.0])
 
@@ -144,6 +145,44 @@ def test_ids_mean_the_same_on_every_shape(category: str) -> None:
             assert ("left_arm_front" in places) == (model.style["arms"] != "none")
 
 
+def test_a_quadruped_has_a_front_and_vertices_that_correspond() -> None:
+    shapes = models("quadruped")
+    for model in shapes:
+        places = {names("quadruped")[i]: place for i, place in zip(model.keypoint_ids, model.keypoints, strict=True)}
+        order = ["nose", "chest", "withers", "rump", "tail_tip"]
+        assert np.all(np.diff([places[name][2] for name in order]) > 0), model.style
+        assert ("left_horn_tip" in places) == (model.style["horns"] != "none")
+        assert places["left_back_hock"][2] > places["left_back_foot"][2], "a hock points backwards"
+        ground = model.vertices[:, 1].min()
+        assert max(places[f"{side}_{end}_foot"][1] for side in ("left", "right") for end in ("front", "back")) < (
+            ground + 0.05
+        )
+    plain = [m for m in shapes if m.style["horns"] == m.style["mane"] == "none"]
+    assert len(plain) > 5
+    for model in plain[1:]:
+        np.testing.assert_array_equal(model.faces, plain[0].faces)
+        np.testing.assert_array_equal(model.keypoint_ids, plain[0].keypoint_ids)
+
+
+def test_a_grazing_horse_is_the_standing_one_but_for_neck_head_and_legs() -> None:
+    standing, grazing = made("graze")
+    np.testing.assert_array_equal(standing.faces, grazing.faces)
+    moved = np.linalg.norm(standing.vertices - grazing.vertices, axis=1)
+    model = generated("quadruped", 0, 0)
+    part = np.zeros(len(model.vertices), int)
+    part[model.faces] = model.face_labels[:, None]
+    of = {name: moved[part == i] for i, name in enumerate(model.part_names)}
+    assert of["tail"].max() < 1e-6 and np.median(of["body"]) < 1e-6
+    assert of["head"].min() > 0.2 and of["leg"].max() > 0.05
+    nose = model.keypoint_ids.tolist().index(names("quadruped").index("nose"))
+    at = int(np.linalg.norm(model.vertices - model.keypoints[nose], axis=1).argmin())
+    assert grazing.vertices[at, 1] < standing.vertices[at, 1] - 0.3
+    edges = [np.linalg.norm(solid.vertices[standing.faces[:, 0]] - solid.vertices[standing.faces[:, 1]], axis=1)
+             for solid in (standing, grazing)]  # fmt: skip
+    whole = model.face_labels == model.part_names.index("head")
+    np.testing.assert_allclose(edges[0][whole], edges[1][whole], atol=1e-6, err_msg="a head turns as one")
+
+
 @pytest.mark.parametrize("category", CLASSES)
 def test_every_face_has_a_part(category: str) -> None:
     for model in models(category):
@@ -202,6 +241,7 @@ GOLDEN = {
     "table": (2, 6718, 13296, 48, 0.4736548),
     "airplane": (2, 13472, 26752, 54, 0.1732324),
     "mug": (2, 11762, 23496, 49, 0.3225319),
+    "quadruped": (2, 12914, 25600, 56, 0.3494912),
 }
 
 

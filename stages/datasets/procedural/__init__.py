@@ -1,5 +1,5 @@
-"""Procedural: a data set of chairs, tables, airplanes and mugs made by the program itself, with exact keypoints and
-part labels.
+"""Procedural: a data set of chairs, tables, airplanes, mugs and quadrupeds made by the program itself, with exact
+keypoints and part labels.
 
 Shape i of a class depends on (class, seed, i) only, so raising `count` changes none that were there.
 """
@@ -20,7 +20,7 @@ from b23d.stages.datasets.damage import WithDamage
 if TYPE_CHECKING:
     from b23d.stages.datasets.procedural.assembling import BuiltShape
 
-Category = Literal["chair", "table", "airplane", "mug"]
+Category = Literal["chair", "table", "airplane", "mug", "quadruped"]
 VERSION = 2
 """Raise it when the shapes change: it enters their addresses."""
 
@@ -29,6 +29,7 @@ VERSION = 2
 class Procedural(WithDamage):
     kind: Literal["procedural"]
     classes: list[Category] = ["chair", "table", "airplane", "mug"]
+    """Quadrupeds (horses, dogs, cattle, goats, cats) where they are asked for."""
     count: int = Field(12, ge=1, le=10_000)
     """Shapes of each class."""
     seed: int = 0
@@ -80,9 +81,10 @@ def generated(category: str, seed: int, index: int) -> BuiltShape:
     from b23d.stages.datasets.procedural.chairs import chair
     from b23d.stages.datasets.procedural.drawing import Chance
     from b23d.stages.datasets.procedural.mugs import mug
+    from b23d.stages.datasets.procedural.quadrupeds import quadruped
     from b23d.stages.datasets.procedural.tables import table
 
-    make = {"chair": chair, "table": table, "airplane": airplane, "mug": mug}[category]
+    make = {"chair": chair, "table": table, "airplane": airplane, "mug": mug, "quadruped": quadruped}[category]
     return make(Chance(category, seed, index))
 
 

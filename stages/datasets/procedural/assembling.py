@@ -82,6 +82,10 @@ class Assembly:
         self._marks[self.keypoint_names.index(f"right_{name}")] = position
         self._marks[self.keypoint_names.index(f"left_{name}")] = position * np.array([-1.0, 1.0, 1.0])
 
+    def mark_at(self, name: str, position: np.ndarray) -> None:
+        """A keypoint of its own, at either side."""
+        self._marks[self.keypoint_names.index(name)] = position
+
     def finished(self, diagonal: float, turns: tuple[tuple[str, ...], ...] = ()) -> BuiltShape:
         """The shape, scaled so that its bounding box has this diagonal.
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from b23d.stages.datasets.procedural import generated
 from b23d.stages.datasets.procedural.assembling import BuiltShape
+from b23d.stages.datasets.procedural.drawing import Chance
 from b23d.stages.datasets.procedural.isometric import isometric_cubes
+from b23d.stages.datasets.procedural.quadrupeds import AT_EASE, GRAZING, quadruped
 from b23d.stages.datasets.procedural.solids import Solid
 
 LONGER = 1.4
@@ -58,6 +60,14 @@ def raised_engines() -> tuple[Solid, Solid]:
         axis = np.array([x, model.vertices[beside, 1].mean()])
         after[own, :2] = 2 * axis - after[own, :2]
     return _both(model, after)
+
+
+def grazing_horse() -> tuple[Solid, Solid]:
+    """A horse; with a step, and its head at the ground. Trunk and tail stay."""
+    standing, grazing = (quadruped(Chance("quadruped", 0, 0), posture) for posture in (AT_EASE, GRAZING))
+    trunk = _of_part(standing, "tail")  # shapes are scaled by their own boxes
+    scale = np.linalg.norm(standing.vertices[trunk]) / np.linalg.norm(grazing.vertices[trunk])
+    return _both(standing, grazing.vertices.astype(np.float64) * scale)
 
 
 def _facing_front(vertices: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from b23d.schemas.shape import Source
 if TYPE_CHECKING:
     from b23d.stages.datasets.procedural.solids import Solid
 
-Pair = Literal["cubes", "boxes", "bump", "stretch", "engines", "walk", "wave", "child"]
+Pair = Literal["cubes", "boxes", "bump", "stretch", "engines", "walk", "wave", "child", "graze"]
 IDS: dict[Pair, tuple[str, str]] = {
     "cubes": ("in", "out"),
     "boxes": ("in", "out"),
@@ -28,6 +28,7 @@ IDS: dict[Pair, tuple[str, str]] = {
     "walk": ("standing", "walking"),
     "wave": ("standing", "waving"),
     "child": ("adult", "walking-child"),
+    "graze": ("standing", "grazing"),
 }
 VERSION = 1
 """Raise it when the shapes change: it enters their addresses."""
@@ -41,7 +42,7 @@ class Pairs(Dataset):
     """cubes: isometric, one side dented in or out (the paper's example). boxes: the same, longer than the dent is high,
     so that both have one scale. bump: a smooth bump on a table's top. stretch: an airplane's rear body drawn out, its
     tail untouched. engines: an airplane's engines above its wings, not below. walk, wave: a person in
-    two poses. child: a standing adult and a walking child."""
+    two poses. child: a standing adult and a walking child. graze: a horse that stands, and that steps and grazes."""
     points: int = Field(2048, ge=8)
 
     def annotations_kept(self) -> str:
@@ -91,6 +92,7 @@ def made(pair: Pair) -> tuple[Solid, Solid]:
         "bump": changes.bumped_table,
         "stretch": changes.stretched_airplane,
         "engines": changes.raised_engines,
+        "graze": changes.grazing_horse,
         "walk": lambda: (figures.figure(), figures.figure(figures.WALKING)),
         "wave": lambda: (figures.figure(), figures.figure(figures.WAVING)),
         "child": lambda: (figures.figure(), figures.figure(figures.WALKING, figures.CHILD)),

@@ -2,8 +2,9 @@
 
 How to annotate a folder of meshes, clouds or textured scans:
 
-1.  Put the files at `<root>/<class>/<id>.<ply|obj|glb|…>`, all standing on +y, and write a run file with
-    `[dataset] kind = "folder"`, `root = "<root>"`.
+1.  Put the files at `<root>/<class>/<id>.<ply|obj|glb|…>`, all standing on +y (or say `up`), and write a run file
+    with `[dataset] kind = "folder"`, `root = "<root>"`. Where `up` is "auto", shapes are shown as a run found them to
+    stand, and before that as a flat underside tells.
 2.  `b23d annotate RUN` opens a local page with the first shape that the run needs (`b23d annotate RUN <class>/<id>`:
     with that one). On the first shape of a class, decide which places deserve a keypoint (corners, tips, ends of edges:
     places that one finds again on every shape of the class) and click them in an order that is easy to repeat; ids
@@ -26,6 +27,6 @@ where on it (barycentric), `pcd_info` which point of the shape's cloud is neares
 
 `geometry` finds what a click hits and `snapping` what it nearly hit, `entries` reads and writes the annotation file,
 `session` joins them for a shape, `needed` says which shapes come next, `proposing` which
-helps most, by what `looks` knows, `walk` goes through them, `server` serves the
+helps most, by what `looks` knows, `upright` how a shape stands, `walk` goes through them, `server` serves the
 page.
 """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -35,9 +35,18 @@ REFERENCES = 200
 class Session:
     """One shape that pages show. It holds nothing that a save changes: any number of pages and threads may share it."""
 
-    def __init__(self, dataset: Dataset, shapes: list[Shape], name: str, keypoints: Path | None = None) -> None:
-        """`keypoints`: the file to write to; None: the data set's own. Raises KeyError (no such shape), ValueError (the
-        data set's annotations must not be written, or the shape or its annotation is broken), FileNotFoundError."""
+    def __init__(
+        self,
+        dataset: Dataset,
+        shapes: list[Shape],
+        name: str,
+        keypoints: Path | None = None,
+        standing: Callable[[str, Source], Source] = lambda name, source: source,
+    ) -> None:
+        """`keypoints`: the file to write to; None: the data set's own. `standing`: a shape's source as it is to be
+        shown, by its up axis. Raises KeyError (no such shape), ValueError (the data set's annotations must not be
+        written, or the shape or its annotation is broken), FileNotFoundError."""
+        self.standing = standing
         self.shape = find_shape(shapes, name)
         own = dataset.annotation_file(self.shape.category)
         self.path = keypoints if keypoints is not None else writable_file(dataset, self.shape.category)
@@ -50,7 +59,7 @@ class Session:
         self.alone = sum(s.id == self.shape.id for s in shapes) == 1
         self.first = self._first_entry(dataset)
         read_entries(self.path)  # better told now than when the page asks
-        self.pickable = Pickable.load(_read(self.shape.leaves["source"]))
+        self.pickable = Pickable.load(standing(name, _read(self.shape.leaves["source"])))
 
     def page(self) -> dict[str, Any]:
         """All the page needs: the shape, its keypoints, the class's ids, which shapes may stand beside."""
@@ -79,7 +88,7 @@ class Session:
         """A shape of the class with its keypoints. Raises KeyError where it is none of them, ValueError where it is
         broken."""
         peer = find_shape(self.peers, name)
-        pickable = Pickable.load(_read(peer.leaves["source"]))
+        pickable = Pickable.load(self.standing(name, _read(peer.leaves["source"])))
         keypoints = _read(peer.leaves["keypoints"])
         unit = pickable.unit(keypoints.positions)
         ids, places = keypoints.ids.tolist(), keypoints.positions.tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from b23d.stages.workbench.annotate.looks import Looks, looks_of
 from b23d.stages.workbench.annotate.needed import ClassNeeds, beside, class_needs, next_needed
 from b23d.stages.workbench.annotate.proposing import proposed
 from b23d.stages.workbench.annotate.session import Session
+from b23d.stages.workbench.annotate.upright import standing
 
 KEPT = 4
 """Sessions held at once: a tab that shows another is served from the files again."""
@@ -38,7 +40,9 @@ class Walk:
         with self._lock:
             self._refresh()
             if name not in self._sessions:
-                self._sessions[name] = Session(self.run.config.dataset, self._shapes, name, self.keypoints)
+                self._sessions[name] = Session(
+                    self.run.config.dataset, self._shapes, name, self.keypoints, partial(standing, self.run)
+                )
             self._sessions.move_to_end(name)
             while len(self._sessions) > KEPT:
                 self._sessions.popitem(last=False)
