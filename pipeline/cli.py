@@ -5,13 +5,13 @@ from __future__ import annotations
 import sys
 from importlib.metadata import entry_points
 from importlib.metadata import version as installed
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.errors import B23dError
+from b23d.pipeline.errors import B23dError, told
 from b23d.pipeline.scheduling.stopping import Stopped, end, stop_on_signals
 from b23d.pipeline.verbs.accept import accept
 from b23d.pipeline.verbs.explain import explain
@@ -76,8 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (B23dError, OSError, ValueError, KeyError, RuntimeError) as error:
         if debugging.on:
             raise
-        message: Any = error.args[0] if isinstance(error, KeyError) and error.args else error
-        Console(stderr=True).print(f"[red]error:[/] {escape(str(message))}", highlight=False, soft_wrap=True)
+        Console(stderr=True).print(f"[red]error:[/] {escape(told(error))}", highlight=False, soft_wrap=True)
         sys.exit(error.exit_code if isinstance(error, B23dError) else 2)
 
 

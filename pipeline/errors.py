@@ -86,6 +86,15 @@ def reason(error: Exception) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
+def told(error: BaseException) -> str:
+    """What to say of an error that ends a command: the message, and of the system's own errors in our words."""
+    if isinstance(error, KeyError) and error.args:
+        return str(error.args[0])
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        return f"{error.filename}: expected to use it, got {error.strerror}; look at it, and at its permissions"
+    return str(error)
+
+
 def naming(shape: str, message: str) -> str:
     """The message, with the shape's name before it unless it is in it as a word of its own: shape `1` is not named by
     "expected 1 mesh", nor `box/b1` by "box/b10" or "/data/box/b1.obj"."""

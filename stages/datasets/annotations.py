@@ -23,6 +23,7 @@ from typing import Any
 from pydantic_core import from_json
 
 from b23d.pipeline.dataset import Leaf
+from b23d.pipeline.errors import unreadable
 from b23d.stages.datasets.annotation_entry import MEND, load_keypoints, named
 from b23d.stages.datasets.walking import encodable
 
@@ -50,7 +51,10 @@ class AnnotationFile:
         where it is not a list."""
         if not path.is_file():
             raise FileNotFoundError(f"annotations: expected a file {path}, got none; give its path")
-        data = path.read_bytes()
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise unreadable(path, error) from error
         try:
             listed = _parse(data)
         except ValueError as error:

@@ -20,12 +20,13 @@ from typing import Any, Literal
 from pydantic import Field
 
 from b23d.pipeline.dataset import Leaf, Shape, dataset, is_export
+from b23d.pipeline.errors import reason
 from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated
 from b23d.stages.datasets.damage import WithDamage
 from b23d.stages.datasets.external import WithExternals
 from b23d.stages.datasets.files import IMAGES, Companions, has_faces, uncollected
 from b23d.stages.datasets.sources import source_leaf
-from b23d.stages.datasets.walking import Listing, encodable, hidden, walk
+from b23d.stages.datasets.walking import Listing, encodable, hidden, printable, walk
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
 
 ShapeKey = tuple[str, str]
@@ -61,12 +62,15 @@ class Folder(WithDamage, WithExternals):
         without a file, two files for one shape, pipes, links to nothing, folders that cannot be read, classes without
         shapes.
 
-        Raises FileNotFoundError (no such root, no geometry below it, no such annotation file).
+        Raises FileNotFoundError (no such root, no geometry below it, no such annotation file), PermissionError (the
+        root must not be entered).
         """
         if not self.root.is_dir():
             raise FileNotFoundError(f"folder: expected a folder {self.root}, got none; set dataset.root")
         listing = walk(self.root)
         found, errors = self._found(listing.files)
+        if closed := listing.closed.get(printable(str(self.root))):
+            raise PermissionError(f"folder {self.root}: {closed}")
         if not found and not errors and not any(map(self._key, listing.strange)):
             formats = " ".join((*MESH_SUFFIXES, *CLOUD_SUFFIXES))
             raise FileNotFoundError(
@@ -85,7 +89,9 @@ class Folder(WithDamage, WithExternals):
                 beside = companions.of(mesh) if mesh else None
                 leaves["source"] = source_leaf("/".join(key), mesh, roles.get("cloud"), beside)
             except (OSError, ValueError, RecursionError) as problem:
-                error = error or f"{'/'.join(key)}: {type(problem).__name__}: {problem}; mend or remove its file"
+                error = (
+                    error or f"{'/'.join(key)}: {type(problem).__name__}: {reason(problem)}; mend or remove its file"
+                )
             if key in keypoints:
                 leaves["keypoints"] = keypoints[key]
             leaves |= externals.leaves(*key)
@@ -120,7 +126,7 @@ class Folder(WithDamage, WithExternals):
             try:
                 found[key] = self._roles("/".join(key), sorted(paths))
             except (OSError, ValueError) as error:
-                errors[key] = str(error)
+                errors[key] = reason(error)
         return found, errors
 
     def _key(self, place: str) -> ShapeKey | None:
@@ -143,14 +149,14 @@ class Folder(WithDamage, WithExternals):
         """What cannot be used, each by its name: strange files that would be shapes, closed folders, empty classes."""
         shapes = []
         known = {*found, *errors}
-        for place, reason in listing.strange.items():
+        for place, why in listing.strange.items():
             key = self._key(place)
             if key is not None and key not in known:
-                shapes.append(Shape(key[1], key[0], {}, None, f"{place}: {reason}"))
+                shapes.append(Shape(key[1], key[0], {}, None, f"{place}: {why}"))
                 known.add(key)
-        for place, reason in listing.closed.items():
+        for place, why in listing.closed.items():
             category, _, name = place.partition("/") if "/" in place else (self._flat(), "", place)
-            shapes.append(Shape(name, category, {}, None, f"{place}: {reason}"))
+            shapes.append(Shape(name, category, {}, None, f"{place}: {why}"))
         for category in self._empty(listing, {category for category, _ in known}):
             error = f"{category}: expected a class with meshes or clouds in {self.root}, got a folder without any"
             shapes.append(Shape(NO_SHAPES, category, {}, None, f"{error}; add shapes, or remove the folder"))
