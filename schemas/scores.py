@@ -29,6 +29,10 @@ class ShapeScore(Artifact):
     """Annotated keypoints whose own id is predicted within the threshold (labelled PCK's numerator)."""
     symmetric: Annotated[np.ndarray, ArraySpec("t", "int32")]
     """The same after the best exchange of ids that a symmetry of the shape permits."""
+    either_front: Annotated[np.ndarray, ArraySpec("t", "int32")]
+    """As `labelled`, with the front where it was annotated or opposite, whichever meets more: all ids that a half turn
+    takes to one another are exchanged, front with back and left with right, or none, whether the shape is symmetric or
+    not."""
     annotated: int
     predicted: int
     common: int
@@ -102,6 +106,9 @@ class ClassScores(_Row):
     """Annotated keypoints whose own id is predicted within the threshold."""
     symmetric_pck: Curve
     """The same after each shape's best exchange of ids that a symmetry permits."""
+    either_front_pck: Curve
+    """As `pck`, with each shape's front where it was annotated or opposite, whichever is better. What it is above `pck`
+    is what choosing the front costs."""
     one_to_one: Curve
     """As `iou`, with each prediction matched to at most one keypoint."""
     presence: PresenceScores

@@ -36,7 +36,7 @@ class ScoreParams(Params):
     """Nearest others that each point is linked to in the graph that distances run along."""
 
 
-@stage(version=1, hints=Hints(memory_gb=0.3))
+@stage(version=2, hints=Hints(memory_gb=0.3))
 def score(
     normalize: NormalizedShape,
     optimize: Prediction,
@@ -52,9 +52,9 @@ def score(
     from b23d.stages.scoring.distances import keypoint_distances
     from b23d.stages.scoring.iou import count, count_pairs, within
     from b23d.stages.scoring.matching import labelled, matched, symmetric
-    from b23d.stages.scoring.symmetry import exchanges
+    from b23d.stages.scoring.symmetry import exchanges, fronts
 
-    present = optimize.present
+    present, upright = optimize.present, normalize.to_unit(keypoints.positions)
     ids, points, annotated = optimize.ids[present], optimize.points[present], keypoints.ids
     thresholds = np.asarray(params.thresholds, np.float64)
     distances = keypoint_distances(normalize, points, keypoints, params.neighbors, params.units)
@@ -69,7 +69,8 @@ def score(
         false_negatives=counts.false_negatives,
         matched=pairs,
         labelled=labelled(hits, ids, annotated),
-        symmetric=symmetric(hits, ids, exchanges(keypoints)),
+        symmetric=symmetric(hits, ids, exchanges(keypoints, upright)),
+        either_front=symmetric(hits, ids, fronts(annotated, upright)),
         annotated=len(annotated),
         predicted=len(points),
         common=len(np.intersect1d(ids[ids >= 0], annotated)),

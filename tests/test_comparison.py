@@ -182,7 +182,7 @@ def scores(level: float) -> ScoreTable:
     spread = Spread(mean=level / 2, sd=0.01)
     row = ClassScores(
         targets=4, draws=2, thresholds=thresholds, iou=curve, auc=spread, pck=curve, symmetric_pck=curve,
-        one_to_one=curve,
+        either_front_pck=curve, one_to_one=curve,
         presence=PresenceScores(precision=spread, recall=spread), ceiling=1.0, annotation_files=[],
     )  # fmt: skip
     return ScoreTable(run="x", protocol="made up", classes={"chair": row}, mean=row)

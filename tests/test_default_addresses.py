@@ -37,6 +37,7 @@ CHANGED = {
     "render": "version 3: of a cloud's points at one place one is drawn, of over 100,000 some; `rings` and "
     "`count` moved into "
     "the layouts' tables",
+    "score": "version 2: `either_front` is new; symmetries turn about the axis that points up in the file",
     "train_head": "`hidden` and its `seed` moved into the table of the detector with a hidden layer",
 }
 """Stage → why its address at the defaults is another than before."""

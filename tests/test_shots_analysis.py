@@ -21,7 +21,8 @@ def score(right: int, of: int = 10) -> ShapeScore:
     none, missed = np.zeros(2, np.int32), np.array([of - right] * 2, np.int32)
     return ShapeScore(
         thresholds=np.array([0.0, 0.1]), true_positives=at, false_positives=none, false_negatives=missed, matched=at,
-        labelled=at, symmetric=at, annotated=of, predicted=right, common=right, ceiling=np.array([of, of], np.int32),
+        labelled=at, symmetric=at, either_front=at, annotated=of, predicted=right, common=right,
+        ceiling=np.array([of, of], np.int32),
         distances=np.zeros((right, of), np.float32), protocol="", annotation_file="",
     )  # fmt: skip
 

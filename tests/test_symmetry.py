@@ -7,13 +7,18 @@ import json
 import numpy as np
 
 from b23d.schemas.keypoints import Keypoints
-from b23d.stages.scoring.symmetry import exchanges
+from b23d.stages.scoring import symmetry
+from b23d.stages.scoring.symmetry import fronts
 from tests.shared_data import shared
 
 
 def keypoints_at(positions: list[list[float]], **lists: list[tuple[int, ...]]) -> Keypoints:
     at = np.arange(len(positions), dtype=np.int32)
     return Keypoints(ids=at, positions=np.array(positions, float), point_indices=at, **lists)
+
+
+def exchanges(keypoints: Keypoints) -> np.ndarray:
+    return symmetry.exchanges(keypoints, keypoints.positions)
 
 
 RECTANGLE = [[1.0, 0, 2], [1, 0, -2], [-1, 0, -2], [-1, 0, 2]]
@@ -86,3 +91,32 @@ def test_listed_symmetries_of_real_shapes_keep_mutual_distances() -> None:
             for names in found:
                 at = [truth.ids.tolist().index(i) for i in names]
                 assert np.abs(distances[np.ix_(at, at)] - distances).max() < 0.15 * distances.max()
+
+
+# --- either front -----------------------------------------------------------------------------------------------------
+
+
+def test_a_half_turn_exchanges_front_and_back_and_left_and_right_at_once() -> None:
+    bed = [[x, y, z] for x, z in ((1, 2), (1, -2), (-1, -2), (-1, 2)) for y in (0.0, 0.5 + 0.4 * (z > 0))]
+    pillow = [0.3, 0.5, 1.5]
+    names = np.arange(9, dtype=np.int32)
+    assert fronts(names, np.array([*bed, pillow])).tolist() == [[*range(9)], [4, 5, 6, 7, 0, 1, 2, 3, 8]]
+
+
+def test_the_half_turn_is_the_same_however_the_shape_stands_and_wherever() -> None:
+    rng = np.random.default_rng(0)
+    for seed in range(20):
+        names = rng.permutation(12)[:10].astype(np.int32)
+        half = np.random.default_rng(seed).uniform(0.2, 1, (5, 3)) * [1, 1, 2]
+        upright = np.concatenate([half, half * [-1, 1, -1]]) + rng.normal(0, 0.03, (10, 3))
+        sin, cos = np.sin(seed), np.cos(seed)
+        elsewhere = 3 * upright @ np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]).T + rng.normal(size=3)
+        found = fronts(names, upright)
+        assert np.array_equal(found, fronts(names, elsewhere))
+        assert np.array_equal(fronts(found[1], upright)[1], names)  # twice is no turn at all
+
+
+def test_few_keypoints_have_one_front() -> None:
+    for count in (0, 1):
+        names = np.arange(count, dtype=np.int32)
+        assert fronts(names, np.zeros((count, 3))).tolist() == [names.tolist()] * 2

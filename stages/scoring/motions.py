@@ -31,6 +31,13 @@ def turn(tuples: list[np.ndarray]) -> Motion:
     return min(motions, key=lambda motion: float(((motion(points) - following) ** 2).sum()))
 
 
+def half_turn(middle: np.ndarray) -> Motion:
+    """The half turn about the vertical through (3,) middle: front and back are exchanged, and left and right."""
+    return lambda points: np.stack(
+        [2 * middle[0] - points[..., 0], points[..., 1], 2 * middle[2] - points[..., 2]], axis=-1
+    )
+
+
 def _about(centre: np.ndarray, angle: float) -> Motion:
     cos, sin = np.cos(angle), np.sin(angle)
     matrix = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])

@@ -1,4 +1,5 @@
-"""Exchanges of names that a symmetry of the shape permits, from the annotation's `reflections` and `rotations`.
+"""Exchanges of names that a symmetry of the shape permits, from the annotation's `reflections` and `rotations`; and the
+one that a half turn stands for, permitted or not.
 
 KeypointNet lists pairs of ids that *some* mirror plane exchanges, without saying which pairs share a plane (a
 rectangular bathtub has (0 1) (2 3) for one plane and (1 2) (3 0) for another), and its lists have gaps. But a symmetry
@@ -15,26 +16,30 @@ import numpy as np
 import numpy.typing as npt
 
 from b23d.schemas.keypoints import Keypoints
-from b23d.stages.scoring.motions import Motion, mirror, turn
+from b23d.stages.scoring.motions import Motion, half_turn, mirror, turn
 
 LARGEST_GROUP = 64
 """Composing symmetries ends at this many exchanges; a square's group has 8."""
 AGREES = 0.5
 """A motion takes one id to another if it takes the point nearer to the other than this share of their distance."""
 
+REFITS = 10
+"""A half turn's axis is fitted anew to the ids it exchanges until they stay the same, or so often."""
+
 Places = dict[int, np.ndarray]
 IdPair = tuple[int, int]
 
 
-def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
+def exchanges(keypoints: Keypoints, upright: np.ndarray) -> npt.NDArray[np.int32]:
     """For every permitted exchange, the id looked for at each annotated keypoint: (e, g) int32, the identity first.
 
+    upright (g, 3): the keypoints' positions in a frame whose +y is up, as the annotation's own need not be.
     The exchanges are the identity, every reflection (all its pairs at once), every turn about the vertical that
     `rotations` lists and the positions bear out, and their compositions. Ids that the shape lacks stay out of
     exchanges.
     """
     ids = keypoints.ids.tolist()
-    places = dict(zip(ids, np.asarray(keypoints.positions, np.float64), strict=True))
+    places = dict(zip(ids, np.asarray(upright, np.float64), strict=True))
 
     pairs = sorted({(min(pair), max(pair)) for pair in _usable(keypoints.reflections, places) if len(pair) == 2})
     tables = [_reflection(plane, places) for plane in _planes(pairs, places)]
@@ -45,6 +50,26 @@ def exchanges(keypoints: Keypoints) -> npt.NDArray[np.int32]:
 
     generators = [[ids.index(table.get(i, i)) for i in ids] for table in tables]
     return np.stack(_compose(generators, keypoints.ids))
+
+
+def fronts(ids: np.ndarray, upright: np.ndarray) -> npt.NDArray[np.int32]:
+    """The id looked for at each annotated keypoint where the front is where it was annotated, and where it is opposite:
+    (2, g) int32.
+
+    ids (g,), upright (g, 3) their positions, +y up. A half turn about the vertical exchanges two ids where it takes
+    each nearer to the other than `AGREES` of their distance, and nearest of all; its axis is the middle of all such
+    pairs. Ids that it takes to no other keep their names: what has no counterpart at the other end is missed there.
+    """
+    names = ids.tolist()
+    places = dict(zip(names, np.asarray(upright, np.float64), strict=True))
+    table: dict[int, int] = {}
+    middle = np.mean([*places.values()], axis=0) if places else np.zeros(3)
+    for _ in range(REFITS):
+        found = _matched(places, half_turn(middle))
+        if not found or found == table:
+            break
+        table, middle = found, np.mean([places[i] for i in found], axis=0)
+    return np.stack([ids, np.array([table.get(i, i) for i in names], np.int32)])
 
 
 def _usable(tuples: Iterable[tuple[int, ...]], places: Places) -> list[tuple[int, ...]]:
@@ -121,11 +146,15 @@ def _borne_out(steps: dict[int, int], motion: Motion, places: Places) -> bool:
 
 def _complete(table: dict[int, int], motion: Motion, places: Places) -> dict[int, int]:
     """The table with those other ids that the motion takes to one another, each being the other's nearest."""
-    free = [i for i in places if i not in table]
-    if not table or len(free) < 2:
-        return table
+    free = {i: place for i, place in places.items() if i not in table}
+    return {**table, **_matched(free, motion)} if table else table
 
-    points = np.stack([places[i] for i in free])
+
+def _matched(places: Places, motion: Motion) -> dict[int, int]:
+    """The ids that the motion takes to one another, each being the other's nearest; whole cycles of them."""
+    if len(places) < 2:
+        return {}
+    ids, points = list(places), np.stack([*places.values()])
     gaps = np.linalg.norm(motion(points)[:, None] - points[None], axis=2)
     widths = np.linalg.norm(points[:, None] - points[None], axis=2)
     onto, back = gaps.argmin(1), gaps.argmin(0)
@@ -135,7 +164,7 @@ def _complete(table: dict[int, int], motion: Motion, places: Places) -> dict[int
     while found.keys() != set(found.values()):  # whole cycles only
         ends = set(found.values())
         found = {i: j for i, j in found.items() if j in found and i in ends}
-    return {**table, **{free[i]: free[j] for i, j in found.items()}}
+    return {ids[i]: ids[j] for i, j in found.items()}
 
 
 def _compose(generators: list[list[int]], ids: np.ndarray) -> list[np.ndarray]:

@@ -17,7 +17,7 @@ def scores(
     store: StoreUrl = None,
     as_json: Json = False,
 ) -> None:
-    """IoU per threshold and class with AUC, labelled PCK and the ceiling; mean ± sd over draws of shots."""
+    """IoU per threshold and class with AUC, labelled PCK, PCK with either front, and the ceiling; mean ± sd over draws of shots."""
     from b23d.stages.scoring.table import render
 
     loaded = Run.load(run, set, store)
@@ -26,7 +26,7 @@ def scores(
         print(table.model_dump_json(indent=1))
     else:
         console = Console()
-        (console if console.is_terminal else Console(width=120)).print(render(table, coverage(loaded, "score")))
+        (console if console.is_terminal else Console(width=140)).print(render(table, coverage(loaded, "score")))
 
 
 def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | None:

@@ -217,6 +217,7 @@ def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -
         "auc": _figure(scores.auc.mean) + (f" ± {_figure(scores.auc.sd)}" if scores.draws > 1 else ""),
         "iou": [_figure(scores.iou.mean[place], 2) for place in places],
         "pck": _figure(scores.pck.mean[places[-1]], 2),
+        "either_front": _figure(scores.either_front_pck.mean[places[-1]], 2),
         "precision": _figure(scores.presence.precision.mean, 2),
         "recall": _figure(scores.presence.recall.mean, 2),
         "ceiling": _figure(scores.ceiling, 2),

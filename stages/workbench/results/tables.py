@@ -98,11 +98,12 @@ def _thresholds(entry: ShapeResults, attempt: Attempt) -> Iterator[dict[str, Any
         return
     own = iou(score)
     for place, threshold in enumerate(score.thresholds.tolist()):
-        counts = ("true_positives", "false_positives", "false_negatives", "matched", "labelled", "symmetric")
+        counts = ("true_positives", "false_positives", "false_negatives", "matched")
+        named = ("labelled", "symmetric", "either_front")
         yield {
             "threshold": threshold,
             "iou": float(own[place]),
-            **{name: int(getattr(score, name)[place]) for name in counts},
+            **{name: int(getattr(score, name)[place]) for name in counts + named},
             "annotated": score.annotated,
             "predicted": score.predicted,
             "common": score.common,
