@@ -17,7 +17,7 @@ def scores(
     store: StoreUrl = None,
     as_json: Json = False,
 ) -> None:
-    """IoU per threshold and class with AUC, labelled PCK, PCK with either front, and the ceiling; mean ± sd over draws of shots."""
+    """IoU per threshold and class, AUC, PCK (labelled, symmetric, either front), ceiling; mean ± sd over draws."""
     from b23d.stages.scoring.table import render
 
     loaded = Run.load(run, set, store)
