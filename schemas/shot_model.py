@@ -65,6 +65,12 @@ class ShotModel(Artifact):
     """Each shot's largest distance."""
     occupancy: Annotated[np.ndarray, ArraySpec("shot cell", "float32")]
     """Share of each shot's candidates in every cell of a grid of 10 × 10 × 10 over the cube that its box lies in."""
+    along: float
+    """Radians about the up axis, less than a quarter turn, by which the common frame is turned for the shots to lie
+    along its axes; `contrasts` are seen so."""
+    contrasts: Annotated[np.ndarray, ArraySpec("shot contrast", "float32")]
+    """How each shot's surface differs from itself turned half round: per cell of half the box, components of the
+    feature, then the same cells' local geometry; each of both of length 0 … 1."""
     class_tokens: Annotated[np.ndarray, ArraySpec("shot channel", "float32")] | None = None
     """None where a shot has none."""
     mean_features: Annotated[np.ndarray, ArraySpec("shot channel", "float32")]

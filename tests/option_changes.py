@@ -182,6 +182,7 @@ CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
                 "distance_sd": ({}, 0.005),
                 "turns": ({}, 2),
                 "surface_weight": ({}, 0.0),
+                "contrast_weight": ({}, 0.0),
                 "turn_concentration": ({"temper": 1e6}, 2000.0),
                 "sides_sd": ({"temper": 1e6}, 1000.0),
                 "temper": ({"sides_sd": 0.001}, 1e6),

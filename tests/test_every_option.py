@@ -23,7 +23,7 @@ ELSEWHERE: dict[str, Make] = {
     **{f"learn.{name}": lambda params: cases.taught(params, turned=True) for name in ("gate_prior", "same_frame")},
     **{
         f"optimize.posterior.{name}": lambda params: cases.solved(params, turned=True)
-        for name in ("turns", "turn_concentration", "sides_sd", "surface_weight", "temper")
+        for name in ("turns", "turn_concentration", "sides_sd", "surface_weight", "contrast_weight", "temper")
     },
 }
 """Options that show on other inputs than their stage's."""

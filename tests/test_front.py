@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from b23d.stages.solvers.posterior.geometry import Prepared, prepare
+from b23d.stages.solvers.posterior.contrast import contrast, lying_along
+from b23d.stages.solvers.posterior.geometry import Prepared, prepare, turned
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.turning import _log_prior, aligned, in_frame
 from b23d.stages.solvers.posterior.weighing import weighed
@@ -94,10 +95,78 @@ def test_a_shot_or_two_may_stand_alike_by_chance(count: int) -> None:
 @pytest.mark.parametrize("turn", [1.0, 2.6, 4.2])
 def test_where_the_surface_lies_tells_the_front(turn: float) -> None:
     shots, target = [chair(i, 2.1 * i) for i in range(3)], chair(7, turn)
-    found, blind = run(target, shots), run(target, shots, surface_weight=0.0)
+    found = run(target, shots, contrast_weight=0.0)
+    blind = run(target, shots, contrast_weight=0.0, surface_weight=0.0)
     assert found.front_margin is not None and blind.front_margin is not None
     assert found.front_margin > 20 > blind.front_margin
     assert np.linalg.norm(found.positions - target[3].positions, axis=1).max() < 0.25
+
+
+def painted(seed: int, turn: float) -> Parts:
+    """A long box with a keypoint at every corner of its middle; what lies beyond +z looks otherwise, beyond -z not."""
+    rng = np.random.default_rng(seed)
+    corners = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.2, 0.2) for z in (-0.1, 0.1)])
+    half = rng.uniform(-0.5, 0.5, (300, 3)) * (0.6, 0.4, 1)
+    points = np.concatenate([corners, half, half * (-1, 1, -1)])
+    looks = rng.normal(size=(len(points), 8)) + 2.0 * np.eye(8)[3] * (points[:, 2:] > 0.3)
+    looks[:8] = np.random.default_rng(0).normal(size=(4, 8))[[0, 1, 2, 3, 1, 0, 3, 2]]  # as their counterparts do
+    return made(points, looks.astype(np.float16), np.arange(8, dtype=np.int32), turn)
+
+
+@pytest.mark.parametrize("turn", [1.0, 2.6, 4.2])
+def test_what_no_keypoint_shows_tells_the_front(turn: float) -> None:
+    shots, target = [painted(i, 2.1 * i) for i in range(3)], painted(7, turn)
+    found, blind = run(target, shots), run(target, shots, contrast_weight=0.0)
+    assert found.front_margin is not None and blind.front_margin is not None
+    assert found.front_margin > blind.front_margin + 10
+    assert np.linalg.norm(found.positions - target[3].positions, axis=1).max() < 0.1
+
+
+def seen(parts: Parts) -> Prepared:
+    shape, described, geodesic, _ = parts
+    lengths = relative_distances(geodesic.distances)
+    return prepare(shape.points, described.features.astype(np.float32), lengths, PARAMS.radii)
+
+
+def told(shape: Prepared, along: float) -> np.ndarray:
+    """The shape's contrast, in the features' own channels and the geometry as it is."""
+    channels, every = shape.features.shape[1], shape.features.shape[1] + shape.geometry.shape[1]
+    return contrast(
+        shape, np.eye(channels, dtype=np.float32), np.zeros(every, np.float32), np.ones(every, np.float32), along
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-np.pi, np.pi), st.floats(0, np.pi / 2))
+def test_turned_half_round_the_contrast_is_the_negative(turn: float, along: float) -> None:
+    shape = seen(chair(0, turn))
+    there, back = told(shape, along), told(turned(shape, np.pi), along)
+    np.testing.assert_allclose(there, -back, atol=1e-4)
+    assert 0.1 < np.linalg.norm(there) <= np.sqrt(2)
+
+
+def test_a_shape_that_a_half_turn_takes_to_itself_has_no_contrast() -> None:
+    assert np.abs(told(seen(symmetric(0)), 0.3)).max() < 1e-4
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 179))
+def test_a_box_is_turned_to_lie_along_its_axes(degrees: int) -> None:
+    rng = np.random.default_rng(0)
+    box = rng.uniform(-0.5, 0.5, (2000, 3)) * (0.4, 0.3, 1)
+    shape = seen(made(box[:400], np.ones((400, 8), np.float16), np.arange(4, dtype=np.int32), np.deg2rad(degrees)))
+    left = np.rad2deg(lying_along([shape])) + degrees
+    assert min(left % 90, -left % 90) <= 6
+
+
+@pytest.mark.parametrize("turn", [0.7, 1.6, 3.1])
+def test_a_target_that_clearly_stands_otherwise_is_turned_where_the_shots_stand_alike(turn: float) -> None:
+    shots = [chair(i, 0.0) for i in range(3)]
+    for stands in (0.0, turn):
+        target = chair(7, stands)
+        found = run(target, shots)
+        assert (found.front_margin is None) == (stands == 0)
+        assert np.linalg.norm(found.positions - target[3].positions, axis=1).max() < 0.25
 
 
 def few(places: list[list[float]]) -> Prepared:

@@ -69,7 +69,7 @@ class LearnParams(Params):
     """Pseudo-residuals of the frame gate."""
     same_frame: float = Field(6.0, ge=0, le=180)
     """Degrees about the up axis by which two shots' labels may be turned and still count as standing alike, as they do
-    where turning them onto each other explains little. Where all do, targets are taken to stand so, too; else shots are
-    turned onto each other, and each target as its evidence says."""
+    where turning them onto each other explains little. Where all do, targets are taken to stand so, too, but for
+    those that clearly do not; else shots are turned onto each other, and each target as its evidence says."""
     deformation: Deformation = Deformation()
     template: Templates = Templates()

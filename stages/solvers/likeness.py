@@ -26,14 +26,18 @@ def occupancy(position: np.ndarray) -> npt.NDArray[np.float32]:
 def overlap(one: np.ndarray, others: np.ndarray) -> npt.NDArray[np.float64]:
     """(s,) in 0 … 1, of one shape's occupancy (cell,) with others' (s, cell): what their blurred surfaces share of what
     they cover together (Ruzicka's similarity)."""
-    own, rest = _blurred(one[None])[0], _blurred(others)
-    return np.asarray(np.minimum(own, rest).sum(1) / np.maximum(own, rest).sum(1), np.float64)
+    return shared(one[None], others)[0]
 
 
 def overlaps(occupancies: np.ndarray) -> npt.NDArray[np.float64]:
     """(m, m) as `overlap`, of every one of occupancies (m, cell) with every other."""
-    blurred = _blurred(occupancies)
-    return np.array([np.minimum(one, blurred).sum(1) / np.maximum(one, blurred).sum(1) for one in blurred])
+    return shared(occupancies, occupancies)
+
+
+def shared(some: np.ndarray, others: np.ndarray) -> npt.NDArray[np.float64]:
+    """(m, s) as `overlap`, of every one of occupancies (m, cell) with every one of others (s, cell)."""
+    rest = _blurred(others)
+    return np.array([np.minimum(own, rest).sum(1) / np.maximum(own, rest).sum(1) for own in _blurred(some)])
 
 
 def cosine(one: np.ndarray, others: np.ndarray) -> npt.NDArray[np.float64]:

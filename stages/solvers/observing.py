@@ -13,6 +13,7 @@ from b23d.stages.solvers.calibration import NEARNESS, SHARE, fitted
 from b23d.stages.solvers.learn_options import LearnParams, Templates
 from b23d.stages.solvers.likeness import occupancy
 from b23d.stages.solvers.nearness import among
+from b23d.stages.solvers.posterior.contrast import contrast, lying_along
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, descriptors, prepare
 from b23d.stages.solvers.posterior.holding_out import folds, held_out
 from b23d.stages.solvers.posterior.learning import (
@@ -68,6 +69,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
 
     places = gather([one.box[points] for one, points in zip(prepared, at, strict=True)])
     mean_places = places.sum(0, dtype=np.float64) / has.sum(0)[:, None]
+    along = lying_along(standing)
+    contrasts = [contrast(one, basis.basis, basis.mean, basis.scale, along) for one in prepared]
     gate = frame_gate(places[known].astype(np.float64), has[known], params)
     occupancies = np.stack([occupancy(one.position) for one in prepared])
     looks = np.stack([mean_feature(shot.features) for shot in shots])
@@ -101,6 +104,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "sides": sides,
         "largest": largest,
         "occupancy": occupancies,
+        "along": along,
+        "contrasts": np.stack(contrasts),
         "class_tokens": np.stack(tokens) if len(tokens) == len(shots) else None,
         "mean_features": looks,
         "basis": basis.basis,

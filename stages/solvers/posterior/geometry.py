@@ -3,7 +3,7 @@ up axis, but for the mean-shift vectors and the places, which are what a common 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -108,6 +108,23 @@ def local_geometry(position: np.ndarray, radii: tuple[float, ...]) -> tuple[np.n
         shifts.append(shift)
         descriptors += [np.linalg.norm(shift, axis=1, keepdims=True), shift[:, 1:2], spread, crowd - crowd.mean()]
     return np.concatenate(shifts, 1), np.concatenate(descriptors, 1)
+
+
+def turned(shape: Prepared, angle: float) -> Prepared:
+    """The shape turned about the up axis, in its new box. Invariant parts stay as they are, radii of the neighbourhoods
+    included."""
+    if angle == 0:
+        return shape
+    sin, cos = np.sin(angle), np.cos(angle)
+    rotation = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], np.float32)
+    position = shape.position @ rotation.T
+    low, high = position.min(0), position.max(0)
+    scale = float((high - low).max()) or 1.0
+    position = (position - (low + high) / 2) / scale
+    sides = (high - low) / scale
+    shift = (shape.shift.reshape(len(position), -1, 3) @ rotation.T).reshape(len(position), -1)
+    box = position / np.maximum(sides, THINNEST)
+    return replace(shape, position=position, sides=sides, box=box, shift=shift, diameter=shape.diameter / scale)
 
 
 def squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:

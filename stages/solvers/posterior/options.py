@@ -32,6 +32,8 @@ class PosteriorParams(Params):
     """Standard deviation of the logarithms of the box's sides, for judging turns."""
     surface_weight: float = Field(300.0, ge=0)
     """Nats that full overlap of a target's surface with the shots' counts for a turn."""
+    contrast_weight: float = Field(60.0, ge=0)
+    """Nats that a shape counts for a turn that differs from itself turned half round just as all shots do."""
     temper: float = Field(2.0, ge=1)
     """Divides the evidence for a turn: keypoints of one shape are less independent than the bound has it."""
     iterations: int = Field(6, ge=1)

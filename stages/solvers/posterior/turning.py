@@ -3,12 +3,13 @@ All turns are about the up axis, in radians, from +z towards +x."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from b23d.stages.solvers.likeness import occupancy, overlap
-from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared
+from b23d.stages.solvers.likeness import occupancy, shared
+from b23d.stages.solvers.posterior.contrast import contrast
+from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared, turned
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import looks, mean_field, prior, shift_costs
 from b23d.stages.solvers.posterior.weighing import Weighed
@@ -16,8 +17,10 @@ from b23d.stages.solvers.posterior.weighing import Weighed
 REFINED = 4  # local maxima of the first evidence that are followed up
 PLACE_SD = 0.05  # by which a keypoint's place differs from shape to shape, in longest box sides
 EVIDENT = 3.0  # nats by which a turn must explain two shots' labels better than none does
-FEW = 2  # shots that may stand alike by chance
-AS_IT_IS = 60.0  # nats that it takes to turn a target where few shots stand alike; on aligned sets false fronts have 50
+AS_IT_IS = 60.0  # nats that it takes to turn a target where all shots stand alike; on aligned sets false fronts have 50
+ASKEW = (
+    0.03  # overlap with the shots' surfaces that a turn must add to be looked for; of aligned targets, 1 in 12 has it
+)
 CHANCE = 8.0  # standard deviation of what two fronts' evidence differs by without a reason; 10 nats may be a tie yet
 
 
@@ -44,25 +47,26 @@ def aligned(shots: list[Prepared], same_frame: float) -> tuple[list[Prepared], n
 
 
 def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InFrame:
-    """The target, turned to where the shots' model explains it best; as it is where three shots or more stood alike:
-    then targets are taken to do so, too. One shot or two may by chance: then much must speak for a turn.
+    """The target, turned to where the shots' model explains it best. Where all shots stood alike, targets are taken to
+    do so, too: a turn is only looked for where it makes the target's surface meet theirs better, and then much must
+    speak for it.
 
     Every turn is judged by each keypoint alone, the best few by the mean field's lower bound (Bishop, Pattern
-    Recognition, sec. 10.1), with where the surface lies, the box's proportions and a prior: as shots stood that stood
-    alike, or any orientation.
+    Recognition, sec. 10.1) and by how the whole surface differs from itself turned half round, with where the surface
+    lies, the box's proportions and a prior: as shots stood that stood alike, or any orientation.
     """
-    known = learned.model.has.any(1)
     alike = not learned.model.turns.any()
-    if alike and known.sum() > FEW:
-        return InFrame(target, None, 1.0, ())
     angles = np.arange(params.turns) * (2 * np.pi / params.turns)
     candidates = [turned(target, angle) for angle in angles]
-    stands = _log_prior(angles, learned.model.turns[known], params)
+    surfaces = _overlaps(learned, candidates)
+    if alike and surfaces.max() - surfaces[0] < ASKEW:
+        return InFrame(target, None, 1.0, ())
+    stands = _log_prior(angles, learned.model.turns[learned.model.has.any(1)], params)
     stands -= np.array([((_log_sides(shape) - learned.log_sides) ** 2).sum() for shape in candidates]) / (
         2 * params.sides_sd**2
     )
     stands[0] += AS_IT_IS * alike
-    stands += params.surface_weight * np.array([_overlap(learned, shape) for shape in candidates])
+    stands += params.surface_weight * surfaces
     said = looks(learned, target, params)
     unaries = [shift_costs(learned, shape, params) - said for shape in candidates]
     alone = [_evidence(learned, shape, unary) for shape, unary in zip(candidates, unaries, strict=True)]
@@ -75,6 +79,7 @@ def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InF
     fields = [mean_field(learned, candidates[i], unaries[i], params) for i in peaks]
     bounds = [_bound(learned, candidates[i], unaries[i], field, params) for i, field in zip(peaks, fields, strict=True)]
     evidence = stands[peaks] + np.array(bounds) / params.temper
+    evidence += params.contrast_weight * np.array([_agreement(learned, candidates[i]) for i in peaks])
     best = int(evidence.argmax())
     shares = np.exp(-(((evidence - evidence[best]) / CHANCE) ** 2) / 2)
     shares /= shares.sum()
@@ -83,23 +88,6 @@ def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InF
     return InFrame(
         candidates[peaks[best]], margin, float(shares[best]), tuple((float(shares[i]), fields[i]) for i in others)
     )
-
-
-def turned(shape: Prepared, angle: float) -> Prepared:
-    """The shape turned about the up axis, in its new box. Invariant parts stay as they are, radii of the neighbourhoods
-    included."""
-    if angle == 0:
-        return shape
-    sin, cos = np.sin(angle), np.cos(angle)
-    rotation = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], np.float32)
-    position = shape.position @ rotation.T
-    low, high = position.min(0), position.max(0)
-    scale = float((high - low).max()) or 1.0
-    position = (position - (low + high) / 2) / scale
-    sides = (high - low) / scale
-    shift = (shape.shift.reshape(len(position), -1, 3) @ rotation.T).reshape(len(position), -1)
-    box = position / np.maximum(sides, THINNEST)
-    return replace(shape, position=position, sides=sides, box=box, shift=shift, diameter=shape.diameter / scale)
 
 
 def _turn(shot: Prepared, reference: Prepared, same_frame: float) -> float:
@@ -135,9 +123,18 @@ def _log_prior(angles: np.ndarray, turns: np.ndarray, params: PosteriorParams) -
     return np.asarray(np.log(1 + peaks @ among.max(1, initial=0)))
 
 
-def _overlap(learned: Weighed, shape: Prepared) -> float:
-    """0 … 1, of its surface with the shots', on average."""
-    return float(np.average(overlap(occupancy(shape.position), learned.model.occupancy), weights=learned.shots))
+def _overlaps(learned: Weighed, shapes: list[Prepared]) -> np.ndarray:
+    """(t,) 0 … 1, of each shape's surface with the shots', on average."""
+    of = np.flatnonzero(learned.shots)
+    found = shared(np.stack([occupancy(shape.position) for shape in shapes]), learned.model.occupancy[of])
+    return np.asarray(np.average(found, axis=1, weights=learned.shots[of]))
+
+
+def _agreement(learned: Weighed, shape: Prepared) -> float:
+    """−1 … 1, of its contrast with the shots', on average over them and over features and geometry."""
+    model = learned.model
+    own = contrast(shape, model.basis, model.mean, model.scale, model.along)
+    return float(np.average(model.contrasts @ own, weights=learned.shots)) / 2
 
 
 def _evidence(learned: Weighed, target: Prepared, unary: np.ndarray) -> float:
