@@ -39,7 +39,7 @@ def contrast(
     for values in (described[:, :c], np.clip(described[:, c:] / scale[c:], -CLIPPED, CLIPPED)):
         seen = weights @ values / (crowd[:, None] + 1e-3)
         odd = ((seen - seen[_OPPOSITE]) * mass)[: len(_CELLS) // 2]
-        length, floor = np.linalg.norm(odd), EVIDENT * np.linalg.norm(seen * mass)
+        length, floor = float(np.linalg.norm(odd)), EVIDENT * float(np.linalg.norm(seen * mass))
         parts.append(odd.ravel() * (length / max(length**2 + floor**2, 1e-24)))
     return np.concatenate(parts).astype(np.float32)
 
