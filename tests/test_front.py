@@ -169,6 +169,13 @@ def test_a_target_that_clearly_stands_otherwise_is_turned_where_the_shots_stand_
         assert np.linalg.norm(found.positions - target[3].positions, axis=1).max() < 0.25
 
 
+def test_of_fronts_that_tie_the_nearer_is_taken_where_the_shots_stand_alike() -> None:
+    target = symmetric(0, 0.7)
+    found = run(target, [symmetric(0)] * 3)
+    assert found.front_margin is not None
+    assert np.linalg.norm(found.positions - target[3].positions, axis=1).max() < 0.1
+
+
 def few(places: list[list[float]]) -> Prepared:
     """A shape of which only the keypoints matter."""
     points = np.array([*places, [-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]], np.float32)

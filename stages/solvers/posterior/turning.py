@@ -18,9 +18,7 @@ REFINED = 4  # local maxima of the first evidence that are followed up
 PLACE_SD = 0.05  # by which a keypoint's place differs from shape to shape, in longest box sides
 EVIDENT = 3.0  # nats by which a turn must explain two shots' labels better than none does
 AS_IT_IS = 60.0  # nats that it takes to turn a target where all shots stand alike; on aligned sets false fronts have 50
-OPPOSITE = (
-    20.0  # nats that it then takes more to turn it half round than hardly: near-symmetric shapes' fronts are ties
-)
+OPPOSITE = 20.0  # nats more that a half turn then takes than a small one: fronts of near-symmetric shapes are ties
 ASKEW = 0.03  # overlap with the shots' surfaces that a turn must add to be looked for; 1 aligned target in 12 has it
 CHANCE = 8.0  # standard deviation of what two fronts' evidence differs by without a reason; 10 nats may be a tie yet
 
