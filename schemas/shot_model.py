@@ -71,6 +71,10 @@ class ShotModel(Artifact):
     contrasts: Annotated[np.ndarray, ArraySpec("shot contrast", "float32")]
     """How each shot's surface differs from itself turned half round: per cell of half the box, components of the
     feature, then the same cells' local geometry; each of both of length 0 … 1."""
+    surface: Annotated[np.ndarray, ArraySpec("shot point 3", "float32", unit="sides of the box, −.5 … .5")]
+    """Points spread over each shot, by which it is laid over a target."""
+    surface_looks: Annotated[np.ndarray, ArraySpec("shot point component", "float32")]
+    """Components of their features."""
     class_tokens: Annotated[np.ndarray, ArraySpec("shot channel", "float32")] | None = None
     """None where a shot has none."""
     mean_features: Annotated[np.ndarray, ArraySpec("shot channel", "float32")]

@@ -24,6 +24,7 @@ from b23d.stages.solvers.posterior.learning import (
     frame_gate,
     learned_covariance,
 )
+from b23d.stages.solvers.posterior.registering import SAMPLE, surface_of
 from b23d.stages.solvers.posterior.turning import aligned
 from b23d.stages.solvers.posterior.weighing import weighed
 from b23d.stages.solvers.retrieval import mean_feature
@@ -86,6 +87,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
             for one, points in zip(prepared, at, strict=True)
         ]
     )
+    spread = min(SAMPLE, *(len(one.position) for one in prepared))
+    surfaces = [surface_of(one, basis.basis, spread) for one in prepared]
     tokens = [token for shot in shots if (token := shot.features.class_token) is not None]
     observed: dict[str, Any] = {
         "shots": [str(shot.index) for shot in shots],
@@ -106,6 +109,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "occupancy": occupancies,
         "along": along,
         "contrasts": np.stack(contrasts),
+        "surface": np.stack([one.box for one in surfaces]),
+        "surface_looks": np.stack([one.looks for one in surfaces]),
         "class_tokens": np.stack(tokens) if len(tokens) == len(shots) else None,
         "mean_features": looks,
         "basis": basis.basis,

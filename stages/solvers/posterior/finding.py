@@ -12,6 +12,7 @@ from b23d.stages.solvers.nearness import nearness
 from b23d.stages.solvers.posterior.geometry import prepare
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import Found, near_mass, predict
+from b23d.stages.solvers.posterior.registering import laid_over
 from b23d.stages.solvers.posterior.turning import in_frame
 from b23d.stages.solvers.posterior.weighing import weighed
 from b23d.stages.solvers.scaling import Relative
@@ -30,10 +31,10 @@ def find(
 
     points (n, 3) of the target, features (n, channel) centred and of unit length, weights (s,), looks (channel,) its
     mean feature. What keypoints look like is learned from all shots that count; where they are, from those most like
-    it.
+    it, laid over it.
     """
     stood = in_frame(weighed(model, weights), prepare(points, features, distances, model.radii), params)
     near = nearness(model, weights, occupancy(stood.shape.position), looks)
-    found = predict(weighed(model, weights, near), stood.shape, params)
+    found = predict(laid_over(weighed(model, weights, near), near, stood.shape), stood.shape, params)
     others = sum(share * near_mass(posterior, stood.shape, found.points) for share, posterior in stood.others)
     return replace(found, mass=stood.share * found.mass + others, front_margin=stood.margin)

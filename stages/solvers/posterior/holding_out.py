@@ -11,6 +11,7 @@ from b23d.stages.solvers.nearness import nearness
 from b23d.stages.solvers.posterior.geometry import Prepared
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import NEAR, predict
+from b23d.stages.solvers.posterior.registering import laid_over
 from b23d.stages.solvers.posterior.weighing import weighed
 
 FOLDS = 8
@@ -36,8 +37,8 @@ def held_out(model: ShotModel, shots: Sequence[Prepared], which: np.ndarray) -> 
         weights = np.ones(len(shots))
         weights[i] = 0
         alike = nearness(model, weights, model.occupancy[i], model.mean_features[i])
-        others, shot = weighed(model, weights, alike), shots[i]
-        found = predict(others, shot, PosteriorParams())
+        shot = shots[i]
+        found = predict(laid_over(weighed(model, weights, alike), alike, shot), shot, PosteriorParams())
         columns = np.flatnonzero((weights @ model.has) > 0)
         sure[i, columns] = found.mass
         row = {int(id): int(at) for id, at in zip(shot.ids, shot.keypoints, strict=True)}
