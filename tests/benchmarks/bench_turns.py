@@ -114,6 +114,7 @@ def main() -> None:
                 print(
                     f"{name:<17} {category:<9} PCK {pck:.3f} ±{scores.pck.sd[-1]:.3f}, of {options.ways[0]} "
                     f"{pck / before[category]:.2f}; symmetric {scores.symmetric_pck.mean[-1]:.3f}; "
+                    f"either front {scores.either_front_pck.mean[-1]:.3f}; "
                     f"AUC {scores.auc.mean:.3f} ±{scores.auc.sd:.3f}",
                     flush=True,
                 )
