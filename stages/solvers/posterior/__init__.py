@@ -6,6 +6,6 @@ they are, and which there are, is expected from the shots most like the target; 
 that its own surface carries their keypoints along; and each keypoint is put where the posterior expects most hits, not
 at its mode.
 
-On every second of KeypointNet's bathtubs and beds (3 draws, saliency ViT-S/14) AUC is .48, .58, .62 and .66 with 3, 10,
-25 and 50 shots; one mean of all shots for all targets gave .47, .53, .56 and .60 on all of them.
+On KeypointNet's bathtubs and beds (3 draws, saliency ViT-S/14) AUC is .43, .48, .58, .62 and .66 with 1, 3, 10,
+25 and 50 shots; one mean of all shots for all targets gave .42, .47, .53, .56 and .60.
 """
