@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.annotation import AnnotationCheck
@@ -20,6 +22,15 @@ class AnnotationParams(Params):
     """Annotations with a keypoint farther than this are not used: they are in another unit, frame or order of axes, or
     of another shape. So are those beyond `warn` that such a mistake explains exactly. Keypoints that are meant to lie
     off the surface (joints, centres of openings) need a larger value."""
+
+    @model_validator(mode="after")
+    def _told_before_refused(self) -> Self:
+        if self.warn > self.refuse:
+            raise ValueError(
+                f"warn: expected at most refuse, {self.refuse:g}, got {self.warn:g}; "
+                "raise stages.annotation.refuse as well"
+            )
+        return self
 
 
 @stage(version=1, hints=Hints(memory_gb=0.3), checks="keypoints")

@@ -147,6 +147,13 @@ def test_a_known_mistake_is_refused_though_it_moves_little(mesh: NormalizedShape
         check((corners() - MIDDLE) / SIDE, mesh, refuse=5.0)
 
 
+def test_no_warning_is_put_off_beyond_the_refusal() -> None:
+    """Else nothing would be refused at all."""
+    AnnotationParams(warn=0.1, refuse=0.1)
+    with pytest.raises(ValueError, match=r"expected at most refuse, 0\.1, got 0\.2; raise stages\.annotation\.refuse"):
+        AnnotationParams(warn=0.2)
+
+
 def test_point_indices_must_agree_with_positions() -> None:
     points = np.asarray(trimesh.sample.sample_surface(chair(), 2048, seed=0)[0])
     shape = cloud(points)

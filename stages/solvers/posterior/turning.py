@@ -30,7 +30,7 @@ class InFrame:
     shape: Prepared
     margin: float | None
     """Nats of evidence by which this front beats the next best: near 0 it is a tie, and all but the choice is chance.
-    None where none was looked for."""
+    What is presumed where the shots stand alike is not counted: below 0 it decided. None where none was looked for."""
     share: float
     """How probable it is that this is the front, 0 … 1."""
     others: tuple[tuple[float, np.ndarray], ...]
@@ -64,9 +64,11 @@ def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InF
     stands -= np.array([((_log_sides(shape) - learned.log_sides) ** 2).sum() for shape in candidates]) / (
         2 * params.sides_sd**2
     )
+    presumed = np.zeros(len(angles))
     if alike:
-        stands[0] += AS_IT_IS
-        stands -= OPPOSITE * (1 - np.cos(angles)) / 2
+        presumed -= OPPOSITE * (1 - np.cos(angles)) / 2
+        presumed[0] = AS_IT_IS
+    stands += presumed
     stands += params.surface_weight * surfaces
     said = looks(learned, target, params)
     unaries = [shift_costs(learned, shape, params) - said for shape in candidates]
@@ -85,7 +87,8 @@ def in_frame(learned: Weighed, target: Prepared, params: PosteriorParams) -> InF
     shares = np.exp(-(((evidence - evidence[best]) / CHANCE) ** 2) / 2)
     shares /= shares.sum()
     others = [i for i in range(len(peaks)) if i != best]
-    margin = float(evidence[best] - evidence[others].max()) if others else None
+    seen = evidence - presumed[peaks]
+    margin = float(seen[best] - seen[others].max()) if others else None
     return InFrame(
         candidates[peaks[best]], margin, float(shares[best]), tuple((float(shares[i]), fields[i]) for i in others)
     )
