@@ -65,6 +65,15 @@ def test_a_stopped_run_says_so_in_one_line(tmp_path: Path, number: int, workers:
     assert again.ok and len(again.done) == 116 - len(stored)
 
 
+def test_what_a_stop_cuts_short_is_told_by_no_traceback_after_the_clusters_end(tmp_path: Path) -> None:
+    code = (
+        f"from b23d.pipeline.run import Run; import tests.toy; Run.load({str(make_toy(tmp_path))!r}).execute(workers=1);"
+        'import logging; logging.getLogger("distributed.batched").error("cut short")'
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0 and "cut short" not in done.stdout + done.stderr
+
+
 @pytest.mark.parametrize("pause", [0.0, 0.02, 0.2])
 def test_stopped_twice_it_ends_at_once_and_without_a_word(tmp_path: Path, pause: float) -> None:
     process = start(make_toy(tmp_path, count=30, extra=SLOW), workers=1)

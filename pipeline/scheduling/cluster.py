@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import signal
 import sys
@@ -189,6 +190,8 @@ def _start(options: Execution) -> Any:
     """One process a core, and `processes_per_gpu` more a GPU that alone offer `gpu`; `workers` bounds the former."""
     from distributed import Nanny, Scheduler, Security, SpecCluster
 
+    # The cluster's own silence ends with it, but what a stop cuts short may be told after that.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     security = Security(require_encryption=False)  # on loopback; the user's dask settings are for other clusters
     shared = {"host": LOOPBACK, "dashboard_address": f"{LOOPBACK}:0", "protocol": "tcp", "security": security}
     common = {**shared, "nthreads": 1, "memory_limit": int(options.memory_gb * 2**30), "silence_logs": 60}
