@@ -67,8 +67,9 @@ def test_a_stopped_run_says_so_in_one_line(tmp_path: Path, number: int, workers:
 
 def test_what_a_stop_cuts_short_is_told_by_no_traceback_after_the_clusters_end(tmp_path: Path) -> None:
     code = (
-        f"from b23d.pipeline.run import Run; import tests.toy; Run.load({str(make_toy(tmp_path))!r}).execute(workers=1);"
-        'import logging; logging.getLogger("distributed.batched").error("cut short")'
+        "import logging; import tests.toy; from b23d.pipeline.run import Run;"
+        f"Run.load({str(make_toy(tmp_path))!r}).execute(workers=1);"
+        'logging.getLogger("distributed.batched").error("cut short")'
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and "cut short" not in done.stdout + done.stderr
