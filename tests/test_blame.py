@@ -14,7 +14,10 @@ from b23d.pipeline.cli import app, plug_in
 from b23d.pipeline.dataset import Leaf
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.run import Run
+from b23d.pipeline.scheduling.tasks import Task
+from b23d.pipeline.scheduling.worker import _naming
 from b23d.pipeline.storage.index import Index
+from b23d.schemas.params import Params
 from b23d.stages.datasets.survey import survey
 from b23d.stages.solvers.hungarian import hungarian
 from tests.small_runs import make_boxes
@@ -104,3 +107,9 @@ def test_verbs_about_a_store_take_overrides_of_a_run_file(tmp_path: Path) -> Non
         assert f"{said} {elsewhere}" in done.output.replace("\n", "")
         wrong = CliRunner().invoke(app, [verb, "--set", "store.root=x"])
         assert str(wrong.exception) == "--set store.root=x: expected a run file to override, got none; name one"
+
+
+def test_what_concerns_a_class_and_no_draw_is_told_of_the_class_once() -> None:
+    task = Task("stand", "0", "chair/a", "chair", (), ("chair/a",), Params(), {"shot_source": []}, "store")
+    assert _naming(task, "nothing tells up") == _naming(task, "class chair: nothing tells up")
+    assert _naming(task, "nothing tells up") == "class chair: nothing tells up"

@@ -94,10 +94,12 @@ def run_task(task: Task, keep: bool = False, apart: bool = False) -> Outcome:
 
 
 def _naming(task: Task, message: str) -> str:
-    """The message with the names of the shots it tells of, and of whose it is: the shape's, or the draw's where nothing
-    but shots were seen."""
+    """The message with the names of the shots it tells of, and of whose it is: the shape's, or, where nothing but shots
+    were seen, the draw's or the class's."""
     message = re.sub(r"\bshot (\d+)\b", lambda found: _shot(task, found), message)
     if task.shots and all(isinstance(item, list) for item in task.inputs.values()):
+        if not task.draws:
+            return naming(f"class {task.category}", message)
         return f"{task.category}, draw {', '.join(map(str, task.draws))}: {message}"
     return naming(task.shape, message)
 
