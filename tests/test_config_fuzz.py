@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from b23d.pipeline.errors import RunFileError, naming
+from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.runfile.members import members
 from b23d.stages.encoders.weights import find_checkpoint
@@ -128,6 +129,11 @@ def test_any_bytes(data: bytes) -> None:
         ("name = 'x'\ndataset = 5", "dataset: .*got 5"),
         ("name = 'x'\nx = " + "[" * 5000 + "]" * 5000, "nested too deep"),
         ("name = 'x'\n[dataset]\nkind = 'folder'\nroot = \"a\\u0000b\"", "expected root to be a path"),
+        ("name = 'x'\nstore.root = \"a\\u0000b\"\n[dataset]\nkind = 'procedural'", r"\[store\] root: expected a path"),
+        (
+            "name = 'x'\nstore.root = '~nobody-here/x'\n[dataset]\nkind = 'procedural'",
+            r"\[store\] root: expected a path",
+        ),
         ("name = 'x'\n[dataset]\nkind = 'folder'\nroot = {a = 1}", "root: .*got"),
         ("name = 'x'\nstages = [1]\n[dataset]\nkind = 'procedural'", "stages: .*got"),
     ],
@@ -137,6 +143,14 @@ def test_wrong_types_are_told(tmp_path: Path, text: str, words: str) -> None:
     path.write_text(text)
     with pytest.raises(RunFileError, match=words):
         load_config(path)
+
+
+def test_a_store_of_the_command_line_that_is_no_path(tmp_path: Path) -> None:
+    path = tmp_path / "run.toml"
+    path.write_text("name = 'x'\n[dataset]\nkind = 'procedural'\n")
+    for store in ("~nobody-here/x", "a\0b"):
+        with pytest.raises(RunFileError, match=r"^store: expected a path or a URL, got "):
+            Run.load(path, store=store)
 
 
 def test_a_base_that_is_no_run_file(tmp_path: Path) -> None:

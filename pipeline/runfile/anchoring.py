@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from b23d.pipeline.errors import RunFileError
 from b23d.schemas.runfile import StoreOptions
 
 
@@ -42,14 +43,20 @@ def tables_in(table: Any) -> list[Any]:
 
 def place_store(tables: dict[str, Any], path: Path) -> None:
     """Make the store's root absolute: relative to the file it stands in, or to the current folder if overridden; a URL
-    is left alone."""
+    is left alone. Raises RunFileError where it can be neither."""
     store = tables.setdefault("store", {})
     if isinstance(store, dict):
         root = store.get("root", Anchored(StoreOptions().root, path.parent))
         if isinstance(root, str):
-            store["root"] = absolute(root, root.folder if isinstance(root, Anchored) else Path.cwd())
+            folder = root.folder if isinstance(root, Anchored) else Path.cwd()
+            store["root"] = absolute(root, folder, f"run file {path}: [store] root")
 
 
-def absolute(root: str, folder: Path) -> str:
-    """A store's root as an absolute path, or the URL that it is."""
-    return str(root) if "://" in root else str((folder / Path(root).expanduser()).resolve())
+def absolute(root: str, folder: Path, where: str = "store") -> str:
+    """A store's root as an absolute path, or the URL that it is. Raises RunFileError where it is neither."""
+    if "://" in root:
+        return str(root)
+    try:
+        return str((folder / Path(root).expanduser()).resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # a null byte, the home of nobody, links in a circle
+        raise RunFileError(f"{where}: expected a path or a URL, got {root!r}; {error}") from error
