@@ -91,7 +91,7 @@ class Run:
         self.store.drop_leftovers()
         record, started = begin(self.store, self.config, selection), time.perf_counter()
         try:
-            with RunLog(self.folder, self.name) as log:
+            with RunLog(self.folder, self.name, selection.words) as log:
                 loop = RunLoop(self, selection, both(log.watch, watch), both(log.start, on_start))
                 plan, report = loop.go(lambda: self._executor(workers, scheduler))
         except BaseException as error:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -12,9 +14,11 @@ from b23d.pipeline.cli import app
 from b23d.pipeline.errors import HistoryError
 from b23d.pipeline.inspection.again import again, run_of
 from b23d.pipeline.inspection.upkeep import reached
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.records.history import attach, find, keep, reached_by, records
 from b23d.pipeline.run import Run
 from b23d.pipeline.store import Store
+from tests.small_runs import b23d, make_boxes
 from tests.toy import make_toy
 
 
@@ -113,6 +117,56 @@ def test_the_command_line_tells_history(tmp_path: Path) -> None:
     assert repeated.exit_code == 0 and "nothing to do" in repeated.output
     neither = CliRunner().invoke(app, ["run"])
     assert neither.exit_code == 2 and "--again" in neither.output
+
+
+def test_history_tells_what_was_selected_and_again_selects_it(tmp_path: Path) -> None:
+    path = str(make_toy(tmp_path))
+    b23d("run", path, "--workers", "0", "--shape", "s0", "--until", "shift", "--set", "stages.square.power=3")
+    said = b23d("run", path, "--workers", "0", "--shape", "s0", "--until", "shift", "--set", "stages.square.power=3")
+    assert "nothing to do: of toy, all that --shape s0 --until shift selects is there" in said
+    assert "nothing to do: toy is complete" not in said
+    store = Run.load(path).store
+    selected = {"shapes": ["s0"], "until": "shift"}
+    assert [record.selection for record in records(store)] == [selected, selected]
+    assert "--shape s0" in b23d("log", path) and "--until shift" in b23d("log", path)
+    again = b23d("run", "--again", records(store)[0].id, "--store", str(store.root), "--workers", "0")
+    assert "nothing to do: of toy, all that --shape s0 --until shift" in again
+    assert "failed before" in b23d("run", path, "--workers", "0", "--only-failed")
+    assert "; --shape s0 --until shift" in (tmp_path / "toy" / "run.log").read_text()
+
+
+def test_a_record_is_told_in_lines_and_in_full_as_json(tmp_path: Path) -> None:
+    path = str(make_boxes(tmp_path, 4))
+    b23d("run", path, "--workers", "0", "--set", "stages.reweight.sigma=0.0123456")
+    (record,) = records(Run.load(path).store)
+    told = b23d("log", record.id, "--store", str(tmp_path / "store"))
+    assert "sigma=0.01235" in told and "IoU" in told and "sym. PCK" in told, "tables, as after the run"
+    assert '{"' not in told and not re.search(r"\d\.\d{9}", told)
+    assert json.loads(b23d("log", record.id, "--store", str(tmp_path / "store"), "--json")) == asdict(record)
+
+
+def test_a_result_that_nothing_draws_is_told_plainly(tmp_path: Path) -> None:
+    path = make_toy(tmp_path)
+    report = Run.load(path).execute(workers=0)
+    store = Run.load(path).store
+    attach(store, report.record, "scores", {"old": {"mean": [0.14285714285714285, 1.0]}})
+    attach(store, report.record, "mine", {"a": {"b": 0.33333333}})
+    told = b23d("log", report.record, "--store", str(store.root))
+    assert "old.mean" in told and "[0.1429, 1]" in told and "a.b" in told and "0.3333" in told
+
+
+@pytest.mark.parametrize(
+    ("selection", "words"),
+    [
+        (Selection(), ""),
+        (Selection(("a/*", "b"), ("c",), 2, ("extract",)), "--shape a/* --shape b --class c --limit 2 --stage extract"),
+        (Selection(until="render", only_failed=True, force=True), "--until render --only-failed --force"),
+    ],
+)
+def test_a_selection_says_the_options_that_made_it(selection: Selection, words: str) -> None:
+    assert selection.words == words
+    told = json.loads(json.dumps({key: value for key, value in asdict(selection).items() if value}))
+    assert Selection.recorded({**told, "of a later version": 1}) == selection
 
 
 def test_what_a_task_says_is_kept_with_what_it_made_and_with_its_failure(tmp_path: Path) -> None:

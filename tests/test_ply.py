@@ -177,7 +177,7 @@ def test_more_than_the_header_announces_is_counted_or_refused() -> None:
         (b"property float x", b"property vec3 x", "line 6: expected a PLY header line, got 'property vec3 x'"),
         (b"property float x", b"property float px", "vertex: expected properties x, y and z, got px, y, z"),
         (b"format ascii", b"format morse", "line 2: expected a PLY header line"),
-        (b"3 0 1 2", b"3 0 1 9", "face 0: expected vertex indices from 0 to 3, got 9"),
+        (b"3 0 1 2", b"3 0 1 9", "face 0: expected an index from 0 to 3, as the file has 4 vertices, got 9"),
         (b"3 0 1 2", b"2.5 0 1 2", "line 16: face 0: expected as many numbers"),
     ],
 )

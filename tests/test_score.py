@@ -266,6 +266,14 @@ def test_no_scores_or_unlike_ones_are_errors() -> None:
         ScoreParams(thresholds=(-0.1,))
 
 
+def test_one_draw_is_told_without_a_spread() -> None:
+    truth = annotated([0, 1, 2], [0, 40, 80])
+    rows = [("a", draw, "a/1", scored(predicted([0, 1, 2], [0, 40, 80]), truth)) for draw in (0, 1)]
+    one, two = render(score_table("r", "p", rows[:1])).caption, render(score_table("r", "p", rows)).caption
+    assert "1 draw of shots" in str(one) and "±" not in str(one)
+    assert "mean ± sd over 2 draws of shots" in str(two)
+
+
 def test_table_is_readable() -> None:
     from rich.console import Console
 

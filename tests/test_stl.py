@@ -76,7 +76,7 @@ def test_what_a_header_gets_wrong_is_counted(data: bytes, problems: dict[str, in
     [
         (binary(count=3), "expected 3 triangles, as it says, got a file that holds 2"),
         (binary()[:-1], "expected 2 triangles, as it says, got a file that holds 1"),
-        (binary(count=1) + b"123", "expected 1 triangles, as it says, got a file that holds 2"),
+        (binary(count=1) + b"123", "expected 1 triangle, as it says, got a file that holds 2"),
         (binary(CORNERS[:0]), "expected triangles, got none"),
         (b"solid\n", "expected an ASCII STL or 84 bytes"),
         (text().replace(b"vertex 1", b"vertex x"), "line 5: vertex: expected numbers, got 'x'"),

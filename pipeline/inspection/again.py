@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from b23d.pipeline.errors import HistoryError
+from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.records.history import Record, find
 from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import load_config
@@ -23,6 +24,11 @@ def run_of(named: str, overrides: Sequence[str] = (), store: str | None = None) 
         return Run.load(named, overrides, store)
     opened = Store(store or STORE)
     return again(find(opened, named), opened, overrides)
+
+
+def selected_in(named: str, store: str | None = None) -> Selection:
+    """What a record's run was asked for of it. Raises HistoryError."""
+    return Selection.recorded(find(Store(store or STORE), named).selection)
 
 
 def again(record: Record, store: Store, overrides: Sequence[str] = ()) -> Run:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from b23d.pipeline.address import sha256
 from b23d.pipeline.dataset import Shape
 from b23d.schemas.runfile import Shots
+from b23d.schemas.wording import counted
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def draw_notes(draws: Collection[Draw]) -> list[str]:
         for shots, seeds in by_shots.items():
             if len(seeds) > 1:
                 which = ", ".join(map(str, seeds))
-                told = f"draws {which} have the same {len(shots)} shots and are one draw: no spread comes of them"
+                same = counted(len(shots), "shot")
+                told = f"draws {which} have the same {same} and are one draw: no spread comes of them"
                 notes.append(f"class {category}: {told}; annotate more, or set shots.draws")
     return notes
 
@@ -110,7 +112,7 @@ def _draw(
         pool = [shape for shape in usable if options.split == "all-but-shots" or shape.official == "train"]
         chosen = _ranked(pool, seed)[: options.count]
         if len(chosen) < options.count:
-            got = f"expected {options.count} annotated shapes as shots, got {len(chosen)}"
+            got = f"expected {counted(options.count, 'annotated shape')} as shots, got {len(chosen)}"
             if refused := len(annotated) - len(usable):
                 got += f" and {refused} that cannot be used"
             return Draw(seed, category, error=f"class {category}: {got}; annotate more, or lower shots.count")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import difflib
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import SelectionError, reason
@@ -31,6 +32,26 @@ class Selection:
     """Only shapes that failed before."""
     force: bool = False
     """Make the selected artifacts again although they are stored."""
+
+    @classmethod
+    def recorded(cls, told: Mapping[str, Any]) -> Selection:
+        """What a record tells; fields that it does not know are as nothing was said."""
+        known: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in told.items() if key in WORDS
+        }
+        return cls(**known)
+
+    @property
+    def words(self) -> str:
+        """As the options that say it: `--shape chair/* --until extract`; "" where everything is selected."""
+        said = []
+        for key, option in WORDS.items():
+            value = getattr(self, key)
+            if isinstance(value, bool) or value is None:
+                said += [option] * bool(value)
+            else:
+                said += [f"{option} {one}" for one in (value if isinstance(value, tuple) else (value,))]
+        return " ".join(said)
 
     @property
     def narrows(self) -> bool:
@@ -68,6 +89,16 @@ class Selection:
 
 
 EVERYTHING = Selection()
+WORDS = {
+    "shapes": "--shape",
+    "classes": "--class",
+    "limit": "--limit",
+    "stages": "--stage",
+    "until": "--until",
+    "only_failed": "--only-failed",
+    "force": "--force",
+}
+"""Field → the option that sets it."""
 
 
 def _patterns(texts: Iterable[str]) -> Iterable[str]:

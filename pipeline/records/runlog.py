@@ -28,8 +28,8 @@ def both(first: Callable[[Plan, T], None], second: Callable[[Plan, T], None]) ->
 class RunLog:
     """One line a task, what belongs to it indented below. A log that cannot be written stops nothing."""
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self._name = name
+    def __init__(self, folder: Path, name: str, selected: str = "") -> None:
+        self._name, self._asked = name, f"; {selected}" * bool(selected)
         self._file: IO[str] | None = None
         with contextlib.suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ class RunLog:
 
     def start(self, plan: Plan, address: str) -> None:
         cached = sum(counts[State.CACHED] for counts in plan.count().values())
-        self._write(f"run     {self._name}: {len(plan.to_run())} to run, {cached} stored; on {address}")
+        self._write(f"run     {self._name}: {len(plan.to_run())} to run, {cached} stored; on {address}{self._asked}")
 
     def watch(self, plan: Plan, what: Outcome | Task) -> None:
         if isinstance(what, Task):

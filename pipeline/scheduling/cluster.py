@@ -17,6 +17,7 @@ from typing import Any
 from b23d.pipeline.errors import ClusterError, RunFileError
 from b23d.pipeline.runfile.plugins import Plugin
 from b23d.schemas.runfile import Execution
+from b23d.schemas.wording import counted
 
 LOOPBACK = "127.0.0.1"  # whoever reaches a worker's or scheduler's socket runs code in it
 STARTS = 2  # a worker that dies at once is often one for which there was no memory just then
@@ -211,8 +212,8 @@ def _start(options: Execution) -> Any:
         except Exception as error:
             problem = error
     raise ClusterError(
-        f"workers: expected {len(workers)} processes to start, got one that died while starting, {STARTS} times "
-        f"({problem}); is there memory for them? Fewer: --workers, none: --workers 0"
+        f"workers: expected {counted(len(workers), 'process')} to start, got one that died while starting, "
+        f"{STARTS} times ({problem}); is there memory for them? Fewer: --workers, none: --workers 0"
     ) from problem
 
 

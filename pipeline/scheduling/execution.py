@@ -30,6 +30,7 @@ from b23d.pipeline.storage.index import Failure, Given, Index
 from b23d.pipeline.storage.marker import store_format
 from b23d.pipeline.storage.roots import lease, note_root
 from b23d.pipeline.store import Store
+from b23d.schemas.wording import counted
 
 log = logging.getLogger("b23d")
 
@@ -274,7 +275,8 @@ class RunLoop:
         if failure.store:
             error = failure.error.partition(": ")[2]
             raise StoreError(
-                f"{error}; stopped with {len(self.report.done)} tasks stored, run again to go on where it was"
+                f"{error}; stopped with {counted(len(self.report.done), 'task')} stored, "
+                "run again to go on where it was"
             )
         self._tried.add((failure.stage, failure.address))
         self.report.failures.append(failure)

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     from b23d.pipeline.planning.nodes import Node
@@ -49,7 +50,8 @@ def accept(
         if node.stage == stage and before.nodes[stage, node.recipe].state is State.RUN and node.state is State.CACHED
     ]
     spared = len(before.to_run()) - len(after.to_run())
-    text = f"{len(linked)} artifacts of {stage} would be linked to version {version}, {spared} tasks fewer to run"
+    artifacts, fewer = counted(len(linked), "artifact"), counted(spared, "task")
+    text = f"{artifacts} of {stage} would be linked to version {version}, {fewer} fewer to run"
     if not linked:
         console.print(
             f"nothing to accept: no artifact of an older {stage} fits this run", highlight=False, markup=False

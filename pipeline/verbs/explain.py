@@ -11,6 +11,7 @@ from rich.table import Table
 
 from b23d.pipeline.verbs.options import DrawOption, RunPath, Set, StoreUrl
 from b23d.pipeline.verbs.terminal import console
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     from b23d.pipeline.run import Run
@@ -74,7 +75,8 @@ def _print_descent(run: Run, shape: str, stage: str, draw: int | None) -> None:
         table.add_row(name, str(len(nodes)), str(stored), escape(", ".join(shapes[:SHOWN]) + more))
     console.print(table if told.below else f"nothing is made from {stage} of {shape}", highlight=False, markup=False)
     if told.as_shot:
-        count = f"{len(told.as_shot)} other shapes have it among their shots"
+        others = len(told.as_shot)
+        count = f"{counted(others, 'other shape')} {'has' if others == 1 else 'have'} it among their shots"
         console.print(count, highlight=False, markup=False)
     for record in told.recorded:
         made = f"{record.began}, {record.run} {' '.join(record.overrides)}".rstrip()

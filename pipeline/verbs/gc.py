@@ -9,6 +9,7 @@ import typer
 
 from b23d.pipeline.verbs.options import DEFAULT_STORE, StoreUrl
 from b23d.pipeline.verbs.terminal import console
+from b23d.schemas.wording import counted
 
 Runs = Annotated[
     list[Path] | None, typer.Argument(metavar="[RUN]…", help="Run files that count besides those the store knows.")
@@ -57,7 +58,7 @@ def gc(
         opened.drop_leftovers()
     verb = "would drop" if dry_run else "dropped"
     console.print(
-        f"{verb} {len(lost)} artifacts, {dropped / 1e6:.1f} MB, of store {opened.url}; "
+        f"{verb} {counted(len(lost), 'artifact')}, {dropped / 1e6:.1f} MB, of store {opened.url}; "
         f"{len(files | besides)} run files count",
         highlight=False,
         markup=False,

@@ -25,6 +25,7 @@ from b23d.pipeline.verbs.options import (
     Until,
 )
 from b23d.pipeline.verbs.terminal import console
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     from b23d.pipeline.planning.plan import Plan
@@ -82,7 +83,7 @@ def plan(
         for problem in planned.problems[:SHOWN]:
             console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)
         if len(planned.problems) > SHOWN:
-            console.print(f"… and {len(planned.problems) - SHOWN} more problems", highlight=False)
+            console.print(f"… and {counted(len(planned.problems) - SHOWN, 'more problem')}", highlight=False)
         for line in warnings(loaded.folder, planned)[:SHOWN]:
             console.print(f"[yellow]![/] {escape(line)}", highlight=False, soft_wrap=True)
     if why and not as_json:

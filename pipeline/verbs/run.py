@@ -27,6 +27,7 @@ from b23d.pipeline.verbs.options import (
     Workers,
 )
 from b23d.pipeline.verbs.terminal import console, debug
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     from b23d.pipeline.run import Run
@@ -57,8 +58,8 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Do what is missing, and nothing else. Exit code 1 when shapes failed; the next run retries only those."""
-    from b23d.pipeline.inspection.again import run_of
-    from b23d.pipeline.planning.selection import Selection
+    from b23d.pipeline.inspection.again import run_of, selected_in
+    from b23d.pipeline.planning.selection import EVERYTHING, Selection
     from b23d.pipeline.run import Run
     from b23d.pipeline.scheduling.progress import RunProgress
 
@@ -66,6 +67,8 @@ def run(
     if (run is None) == (again is None):
         raise typer.BadParameter("expected a run file, or --again with the id of a record: one of the two")
     loaded = Run.load(run, set, store) if run is not None else run_of(str(again), set, store)
+    if again is not None and selection == EVERYTHING:
+        selection = selected_in(again, store)
     console.quiet = quiet or as_json
     try:
         with RunProgress(console, verbose=verbose) as progress:
@@ -90,7 +93,11 @@ def _tell(loaded: Run, report: Report) -> None:
     if report.spared:
         console.print(spared(report), highlight=False)
     if not report.done and not report.spared:
-        done = f"nothing to do: {loaded.name} is complete" if report.ok else "nothing could be done"
+        asked = report.selection.words
+        there = f"of {loaded.name}, all that {asked} selects is there" if asked else f"{loaded.name} is complete"
+        if report.selection.only_failed:
+            there = f"{asked} selects nothing of {loaded.name}: no such shape failed before"
+        done = f"nothing to do: {there}" if report.ok else "nothing could be done"
         reason = _no_targets(loaded, report) if report.ok else ""
         console.print(reason or done, highlight=False, markup=False, soft_wrap=True)
     for hook in entry_points(group="b23d.after_run"):
@@ -100,9 +107,9 @@ def _tell(loaded: Run, report: Report) -> None:
     for line in report.warnings[:SHOWN]:
         console.print(f"[yellow]![/] {escape(line)}", highlight=False, soft_wrap=True)
     if len(report.warnings) > SHOWN:
-        console.print(f"… and {len(report.warnings) - SHOWN} more warnings", highlight=False)
+        console.print(f"… and {counted(len(report.warnings) - SHOWN, 'more warning')}", highlight=False)
     if report.ok:
-        said = f"{len(report.done)} tasks in {report.seconds:.1f} s; store {loaded.store.url}"
+        said = f"{counted(len(report.done), 'task')} in {report.seconds:.1f} s; store {loaded.store.url}"
         console.print(f"[dim]{escape(said)}[/]", highlight=False)
 
 
@@ -111,6 +118,8 @@ def _no_targets(loaded: Run, report: Report) -> str:
     if not report.selection.narrows:
         return ""
     plan, chosen = loaded.plan(report.selection), report.selection.targets(loaded.shapes)
+    if not {stage for stage, _, draw in loaded.plan().by_shape if draw is not None} & {*plan.stages}:
+        return ""  # nothing was asked for that shots come into
     shots = {shot.name for draw in plan.draws for shot in draw.shots}
     seen = {name for stage, name, draw in plan.by_shape if draw is not None}
     if not chosen or chosen & seen or not chosen <= shots:
@@ -123,6 +132,7 @@ def _as_json(loaded: Run, report: Report) -> dict[str, Any]:
     return {
         "run": loaded.name,
         "ok": report.ok,
+        "selected": report.selection.words,
         "done": Counter(outcome.stage for outcome in report.done),
         "failures": [{"stage": f.stage, "shape": f.shape, "error": f.error} for f in report.failures],
         "blocked": report.blocked,

@@ -11,6 +11,7 @@ from pydantic import PrivateAttr
 
 from b23d.pipeline.dataset import Dataset, Leaf, Shape, dataset
 from b23d.schemas.shape import Source
+from b23d.schemas.wording import counted
 from b23d.stages.datasets.files import Companions
 from b23d.stages.datasets.sources import source_leaf
 from b23d.stages.geometry.loading import CLOUD_SUFFIXES, MESH_SUFFIXES
@@ -97,9 +98,9 @@ def arrays_of(thing: Any, name: str = "the shape") -> tuple[np.ndarray, np.ndarr
     if faces.size and (faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu"):
         raise ValueError(f"{name}: expected integer faces (f, 3), got {faces.dtype} {faces.shape}; {TAKES}")
     if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise ValueError(
-            f"{name}: expected faces that name {len(vertices)} vertices, got index {faces.max()}; mend them"
-        )
+        wrong = faces[(faces < 0) | (faces >= len(vertices))][0]
+        many = counted(len(vertices), "vertex", "vertices")
+        raise ValueError(f"{name}: expected faces of its {many}, counted from 0, got index {wrong}; mend them")
     return vertices, faces.reshape(-1, 3).astype(np.int32), _colors(thing, len(vertices))
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.gltf_compression import draco_primitive
 from b23d.stages.geometry.gltf_document import Document
 from b23d.stages.geometry.gltf_materials import material, moved_uvs, texture_info, tinted, uv_set
@@ -58,7 +59,7 @@ def _placed(document: Document, placed: Placed, primitive: dict[str, Any], mode:
         if weight and "POSITION" in target:
             vertices = vertices + weight * document.floats(target["POSITION"])
     corners = np.arange(len(vertices)) if index is None else index
-    check_corners(corners, np.full(len(corners), 1), len(vertices))
+    check_corners(corners, np.full(len(corners), 1), len(vertices), what="index")
     problems: dict[str, int] = {}
     shown = Surface(vertices, _triangles(corners, mode, problems), problems=problems)
     if mode == POINTS and index is not None:
@@ -95,8 +96,8 @@ def _data(document: Document, primitive: dict[str, Any]) -> tuple[np.ndarray | N
     wrong = next((name for name, values in unpacked.items() if len(values) != count), None)
     if wrong is not None or unpacked["POSITION"].shape[1] != 3:
         raise MalformedError(
-            f"{wrong or 'POSITION'}: expected 3 coordinates and as much of everything for {count} vertices, got "
-            f"{unpacked[wrong or 'POSITION'].shape}; export the shape again"
+            f"{wrong or 'POSITION'}: expected 3 coordinates and as much of everything for "
+            f"{counted(count, 'vertex', 'vertices')}, got {unpacked[wrong or 'POSITION'].shape}; export the shape again"
         )
     return corners, unpacked
 

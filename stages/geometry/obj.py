@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.companions import material_lines
 from b23d.stages.geometry.images import find
 from b23d.stages.geometry.mtl import read_mtl
@@ -79,7 +80,7 @@ class KeywordLines:
         short = np.flatnonzero(self.counts < least)
         if len(short):
             raise MalformedError(
-                f"line {self.lines[short[0]]}: {self.what} {short[0]}: expected {least} numbers, "
+                f"line {self.lines[short[0]]}: {self.what} {short[0]}: expected {counted(least, 'number')}, "
                 f"got {self.counts[short[0]]}; export the mesh again"
             )
         if len(values) != self.counts.sum():
@@ -108,8 +109,8 @@ def read_obj(data: bytes, files: dict[str, bytes], colors: bool) -> Surface | Cl
     block = lines.block(is_face, "face")
     index, uv_index = corners(block.text, "face", block.lines)
     line_of_corner = np.repeat(np.flatnonzero(is_face), block.counts)
-    index = _absolute(index, np.cumsum(is_vertex)[line_of_corner])
-    check_corners(index, block.counts, len(vertices), block.lines)
+    written, index = index, _absolute(index, np.cumsum(is_vertex)[line_of_corner])
+    check_corners(index, block.counts, len(vertices), block.lines, written)
     cut = triangulate(vertices, index, block.counts)
     surface = Surface(vertices, index[cut.corners])
     surface.count("polygons_of_one_or_two", int((block.counts < 3).sum()))

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.polygons import check_corners, triangulate
 from b23d.stages.geometry.surface import Cloud, MalformedError, Surface, to_uint8
 from b23d.stages.geometry.text import integers, numbers, plain, tokens_per_line, uncommented, without_commas
@@ -43,7 +44,8 @@ def read_off(data: bytes, colors: bool) -> Surface | Cloud:
     lines, full = lines[widths > 0], widths[widths > 0]
     if len(full) < rows + polygons:
         raise MalformedError(
-            f"data: expected {rows} vertices and {polygons} faces, got {len(full)} lines; copy or export it again"
+            f"data: expected {counted(rows, 'vertex', 'vertices')} and {counted(polygons, 'face')}, "
+            f"got {counted(len(full), 'line')}; copy or export it again"
         )
     places = 3 + homogeneous
     _check_widths(full[:rows], places, lines)
@@ -93,8 +95,8 @@ def _check_widths(widths: np.ndarray, places: int, lines: np.ndarray) -> None:
     if len(short):
         expected = max(places, int(np.bincount(widths).argmax()))
         raise MalformedError(
-            f"line {lines[short[0]]}: vertex {short[0]}: expected {expected} numbers, got {widths[short[0]]}; "
-            "export the mesh again"
+            f"line {lines[short[0]]}: vertex {short[0]}: expected {counted(expected, 'number')}, "
+            f"got {widths[short[0]]}; export the mesh again"
         )
 
 
@@ -105,7 +107,7 @@ def _trailing(text: bytes, rows: int, polygons: int, lines: np.ndarray) -> int:
     corners = words[1 : 1 + int(words[0])] if words and words[0].isdigit() and len(words[0]) < 9 else []
     if 3 <= len(corners) == int(words[0]) and all(word.isdigit() and int(word) < rows for word in corners):
         raise MalformedError(
-            f"line {lines[rows + polygons]}: expected the end after {polygons} faces, as the header says, got another "
-            "face; export the mesh again"
+            f"line {lines[rows + polygons]}: expected the end after {counted(polygons, 'face')}, as the header says, "
+            "got another face; export the mesh again"
         )
     return len(more)

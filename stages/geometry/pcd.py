@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.encoding import unmarked
 from b23d.stages.geometry.lzf import decompress
 from b23d.stages.geometry.surface import Cloud, MalformedError
@@ -78,7 +79,7 @@ def _header(data: bytes) -> PcdHeader:
     placed = all(used.get(axis, 0) > 0 for axis in "xyz")
     if not placed or min(counts) < 0 or rows < 0:
         raise MalformedError(
-            f"header: expected FIELDS with x y z and whole counts, got {' '.join(fields)}, {rows} points; "
+            f"header: expected FIELDS with x y z and whole counts, got {' '.join(fields)}, {counted(rows, 'point')}; "
             "convert it again"
         )
     if len(sides) == 2 and sides[0] * sides[1] != rows:
@@ -105,12 +106,14 @@ def _ascii(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     width = sum(header.counts)
     if (wrong := np.flatnonzero(full != width)).size:
         raise MalformedError(
-            f"line {lines[wrong[0]]}: expected {header.rows} rows of {width} numbers, got a row of {full[wrong[0]]}; "
+            f"line {lines[wrong[0]]}: expected {counted(header.rows, 'row')} of {counted(width, 'number')}, "
+            f"got a row of {full[wrong[0]]}; "
             "copy the file again"
         )
     if len(full) != header.rows:
         raise MalformedError(
-            f"points: expected {header.rows} rows of {width} numbers, got {len(full)}; copy the file again"
+            f"points: expected {counted(header.rows, 'row')} of {counted(width, 'number')}, got {len(full)}; "
+            "copy the file again"
         )
     values = numbers(text, "points", np.arange(header.lines + 1, header.lines + 1 + len(widths)))
     table = values.reshape(header.rows, width)
@@ -124,7 +127,9 @@ def _binary(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     sizes = [count * kind.itemsize for count, kind in zip(header.counts, header.types, strict=True)]
     stride = sum(sizes)
     if len(body) < header.rows * stride:
-        raise MalformedError(f"points: expected {header.rows * stride} bytes, got {len(body)}; copy the file again")
+        raise MalformedError(
+            f"points: expected {counted(header.rows * stride, 'byte')}, got {len(body)}; copy the file again"
+        )
     places = np.cumsum(sizes) - sizes
     return [_column(header.rows, t, body, at, stride, n) for t, at, n in zip(header.types, places, sizes, strict=True)]
 
@@ -139,7 +144,8 @@ def _behind(header: PcdHeader, body: bytes) -> dict[str, int]:
     behind = body[used:]
     if not packed and len(behind) >= stride and any(behind):  # nothing but zeros is a writer's padding
         raise MalformedError(
-            f"header: expected {header.rows} points, as it says, got a file that holds {len(body) // stride}; "
+            f"header: expected {counted(header.rows, 'point')}, as it says, "
+            f"got a file that holds {len(body) // stride}; "
             "convert it again"
         )
     return {"trailing_bytes": len(behind)} if behind else {}
@@ -151,8 +157,8 @@ def _compressed(header: PcdHeader, body: bytes) -> list[np.ndarray]:
     sizes = [count * kind.itemsize for count, kind in zip(header.counts, header.types, strict=True)]
     if len(body) < 8 + packed or unpacked != header.rows * sum(sizes):
         raise MalformedError(
-            f"points: expected {header.rows * sum(sizes)} bytes in {packed} compressed ones, got {unpacked} in "
-            f"{max(len(body) - 8, 0)}; copy the file again"
+            f"points: expected {counted(header.rows * sum(sizes), 'byte')} in {packed} compressed ones, "
+            f"got {unpacked} in {max(len(body) - 8, 0)}; copy the file again"
         )
     data = decompress(body[8 : 8 + packed], unpacked)
     places = (np.cumsum(sizes) - sizes) * header.rows

@@ -42,7 +42,7 @@ def read_ply(data: bytes, files: dict[str, bytes], colors: bool) -> Surface | Cl
         return Cloud(vertices, vertex_colors, problems=problems)
 
     check_corners(index, counts, len(vertices))
-    check_corners(strips.reshape(-1), np.full(len(strips), 3), len(vertices))
+    check_corners(strips.reshape(-1), np.full(len(strips), 3), len(vertices), what="triangle of a strip")
     cut = triangulate(vertices, index, counts)
     surface = Surface(vertices, np.concatenate([index[cut.corners], strips]), vertex_colors, problems=problems)
     surface.count("concave_polygons", cut.concave)

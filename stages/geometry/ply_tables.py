@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.ply_header import Element, Property, read_header
 from b23d.stages.geometry.surface import MalformedError
 from b23d.stages.geometry.text import numbers, plain, tokens_per_line, uncommented, without_commas
@@ -72,7 +73,8 @@ class Body:
     def short(self, element: Element) -> MalformedError:
         return MalformedError(
             self.broken
-            or f"{element.name}: expected {element.rows} rows, got a file that ends before; copy or export it again"
+            or f"{element.name}: expected {counted(element.rows, 'row')}, got a file that ends before; "
+            "copy or export it again"
         )
 
     def check_lines(self, element: Element, starts: np.ndarray) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.surface import MalformedError
 
 FLAT = 1e-9
@@ -66,18 +67,28 @@ def fans(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([first, first + step + 1, first + step + 2], axis=1), polygon
 
 
-def check_corners(corners: np.ndarray, counts: np.ndarray, vertices: int, lines: np.ndarray | None = None) -> None:
+def check_corners(
+    corners: np.ndarray,
+    counts: np.ndarray,
+    vertices: int,
+    lines: np.ndarray | None = None,
+    written: np.ndarray | None = None,
+    what: str = "face",
+) -> None:
     """Raise MalformedError where a polygon names a vertex that does not exist, before anything uses the index.
 
-    `lines`: the file's line of each polygon, for the message; None for a binary file.
+    For the message, `lines`: the file's line of each polygon; None for a binary file. `written`: the corners as the
+    file has them, where it counts from 1, or back from the end; None: as here, from 0. `what`: a polygon's name.
     """
     wrong = np.flatnonzero((corners < 0) | (corners >= vertices))
     if len(wrong):
         owners = np.searchsorted(np.cumsum(counts), wrong, side="right")
         where = f"line {lines[owners[0]]}: " if lines is not None else ""
+        first, got = (0, corners[wrong[0]]) if written is None else (1, written[wrong[0]])
+        named = f"an index from {first} to {vertices - 1 + first}" if vertices else "no face"
         raise MalformedError(
-            f"{where}face {owners[0]}: expected vertex indices from 0 to {vertices - 1}, got {corners[wrong[0]]} "
-            f"({len(np.unique(owners))} such faces); export the mesh again"
+            f"{where}{what} {owners[0]}: expected {named}, as the file has {counted(vertices, 'vertex', 'vertices')}, "
+            f"got {got} ({counted(len(np.unique(owners)), f'such {what}')}); export the mesh again"
         )
 
 

@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.encoding import unmarked
 from b23d.stages.geometry.surface import MalformedError, Surface
 from b23d.stages.geometry.text import numbers, plain, tokens_per_line, without_commas
@@ -39,18 +40,21 @@ def _binary(data: bytes) -> Surface:
     problems = {}
     if len(data) < HEADER:
         raise MalformedError(
-            f"header: expected an ASCII STL or {HEADER} bytes of a binary one, got {len(data)} bytes; export it again"
+            f"header: expected an ASCII STL or {HEADER} bytes of a binary one, "
+            f"got {counted(len(data), 'byte')}; export it again"
         )
     if announced > held and announced != 2**32 - 1:
         raise MalformedError(
-            f"header: expected {announced} triangles, as it says, got a file that holds {held}; copy or export it again"
+            f"header: expected {counted(announced, 'triangle')}, as it says, "
+            f"got a file that holds {held}; copy or export it again"
         )
     if announced in (0, 2**32 - 1) or (announced < held and not beyond):  # writers that do not know it beforehand
         problems["triangle_count"] = int(announced != held)
         announced = held
     elif announced < held:
         raise MalformedError(
-            f"header: expected {announced} triangles, as it says, got a file that holds {held}; export it again"
+            f"header: expected {counted(announced, 'triangle')}, as it says, "
+            f"got a file that holds {held}; export it again"
         )
     if beyond:
         problems["trailing_bytes"] = beyond

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from b23d.schemas.external import External
+from b23d.schemas.wording import counted
 from b23d.stages.imports.arrays import arrays, shaped
 
 Read = tuple[np.ndarray, np.ndarray | None]
@@ -42,6 +43,6 @@ def _read(file: External, found: Mapping[str, np.ndarray], where: str) -> Read:
     points = shaped(file, where, found[where], 3) if where in found else None
     if points is not None and len(points) != len(features):
         raise ValueError(
-            f"{file.shape}: expected {where} of {len(features)} features, got {len(points)}; write it again"
+            f"{file.shape}: expected {where} of {counted(len(features), 'feature')}, got {len(points)}; write it again"
         )
     return features, points

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from b23d.schemas.external import External
+from b23d.schemas.wording import counted
 from b23d.stages.imports.arrays import arrays, shaped, whole
 
 SIFT3D_COLUMNS = 14
@@ -106,7 +107,7 @@ def ukpgan(file: External, cloud: np.ndarray, params: Any) -> ExternalKeypoints:
     scores = shaped(file, "prob", scores, None)
     if len(scores) != len(cloud):
         raise ValueError(
-            f"{file.shape}: expected a probability of each of {len(cloud)} candidates, got {len(scores)}; "
+            f"{file.shape}: expected a probability of each of {counted(len(cloud), 'candidate')}, got {len(scores)}; "
             "use the same cloud"
         )
     return _found(file, cloud, {"indices": np.arange(len(cloud)), "scores": scores})
@@ -154,7 +155,7 @@ def _found(file: External, cloud: np.ndarray, values: Mapping[str, np.ndarray]) 
     for what, array in (("ids", ids), ("scores", scores)):
         if array is not None and len(array) != len(points):
             raise ValueError(
-                f"{file.shape}: expected {what} of {len(points)} keypoints, got {len(array)}; write it again"
+                f"{file.shape}: expected {what} of {counted(len(points), 'keypoint')}, got {len(array)}; write it again"
             )
     if scores is not None and np.isnan(scores).any():
         raise ValueError(f"{file.shape}: expected scores, got NaN; write it again")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from b23d.schemas.scores import PartClass, PartScore, PartTable, Spread
+from b23d.schemas.wording import averaged
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -62,16 +63,16 @@ def render(table: PartTable, coverage: str = "") -> Table:
     from rich.markup import escape
     from rich.table import Table
 
+    draws = max(one.draws for one in table.classes.values())
     result = Table(
         title=escape(f"{table.run}: parts" + (f" ({coverage})" if coverage else "")),
-        caption=f"IoU in %; {table.protocol}; mean ± sd over draws of shots",
+        caption=f"IoU in %; {table.protocol}; {averaged(draws)}",
     )
     for name, justify in (("class", "left"), ("targets", "right"), ("IoU", "right"), ("of each part", "left")):
         result.add_column(name, justify="right" if justify == "right" else "left")
     for name, one in table.classes.items():
         parts = ", ".join(f"{part} {'–' if iou is None else f'{100 * iou:.1f}'}" for part, iou in one.parts.items())
         result.add_row(escape(name), str(one.targets), _percent(one.iou, one.draws), escape(parts))
-    draws = max(one.draws for one in table.classes.values())
     targets = str(sum(one.targets for one in table.classes.values()))
     result.add_section()
     result.add_row("mean over classes", targets, _percent(table.mean, draws), "", style="bold")

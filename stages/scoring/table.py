@@ -6,6 +6,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from b23d.schemas.scores import ClassScores, ScoreTable
+from b23d.schemas.wording import averaged
 
 SHOWN = (0.0, 0.02, 0.05, 0.10)
 """Thresholds worth a column, where the run has them."""
@@ -22,7 +23,7 @@ def render(table: ScoreTable, coverage: str = "") -> Table:
     exact = " IoU 0 counts predictions on the very annotated point." if 0.0 in [thresholds[i] for i in shown] else ""
     result = Table(
         title=escape(f"{table.run} ({coverage})" if coverage else table.run),
-        caption=f"IoU at {table.protocol}; mean ± sd over {table.mean.draws} draws of shots.{exact} "
+        caption=f"IoU at {table.protocol}; {averaged(table.mean.draws)}.{exact} "
         "Either front: PCK if a shape's front were free to be opposite; PCK is lower by what choosing it costs. "
         "Ceiling: IoU if every id of the shots were in its place.",
     )

@@ -11,6 +11,7 @@ import numpy as np
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.wording import counted
 from b23d.stages.geometry.keypoints import keypoint_candidates
 
 
@@ -61,7 +62,8 @@ def labelled(
         shots.append(Shot(name, shape, feature, distance, i, keypoint, at))
     if not any(len(shot.at) for shot in shots):
         raise ValueError(
-            f"shots: expected at least one keypoint, got none in {len(shots)} shots; annotate the shots, or draw others"
+            f"shots: expected at least one keypoint, got none in {counted(len(shots), 'shot')}; "
+            "annotate the shots, or draw others"
         )
     channels = {shot.name: shot.features.features.shape[1] for shot in shots}
     if len(set(channels.values())) > 1:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.analyses.interface import Chart, ExecutedMember, Pictures, Result
 from b23d.stages.workbench.pictures.coloring import PLASMA
 from b23d.stages.workbench.pictures.packing import as_json, data_uri, packed_plotly
@@ -28,9 +29,9 @@ def render_page(name: str, source: str, parts: list[ExecutedMember], result: Res
     encoder = getattr(run.config.params.get("extract"), "encoder", None)
     words = [
         run.config.dataset.kind,
-        f"{len(run.shapes)} shapes",
+        f"{counted(len(run.shapes), 'shape')}",
         encoder,
-        f"{len(parts)} runs" if len(parts) > 1 else None,
+        f"{counted(len(parts), 'run')}" if len(parts) > 1 else None,
     ]
     charts = {str(i): _figure(block) for i, block in enumerate(result.blocks) if isinstance(block, Chart)}
     environment = Environment(

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.analyses.interface import AnalysisParams, ExecutedMember, Pictures, Result, classes_of
 from b23d.stages.workbench.pictures.painting import picture
 from b23d.stages.workbench.pictures.principal import fit_basis
@@ -48,7 +49,8 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
             ]
             lines.append((part.label, drawn))
         caption = (
-            f"The first three components of one PCA of all {len(lines[0][1])} shapes' features, as red, green and blue."
+            f"The first three components of one PCA of the features of {counted(len(lines[0][1]), 'shape')}, as red, "
+            "green and blue."
         )
         blocks.append(Pictures(category, caption, lines))
     return Result(

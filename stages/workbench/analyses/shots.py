@@ -10,6 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from b23d.schemas.scores import ClassScores, ShapeScore
+from b23d.schemas.wording import averaged, counted
 from b23d.stages.scoring.summary import score_table
 from b23d.stages.workbench.analyses.drawing import add_band, finish
 from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result, classes_of
@@ -40,8 +41,8 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     common = set.intersection(*map(set, scored.values()))
     if not common:
         raise ValueError(
-            f"{parts[0].run.config.file.name}: expected targets that are no shot of any draw of up to {max(scored)} "
-            "shots, got none; annotate more shapes, or take fewer shots"
+            f"{parts[0].run.config.file.name}: expected targets that are no shot of any draw of up to "
+            f"{counted(max(scored), 'shot')}, got none; annotate more shapes, or take fewer shots"
         )
     each = pd.concat([_figures(count, scored[count], common) for count in sorted(scored)], ignore_index=True)
     table = _table(each, common)
@@ -119,13 +120,14 @@ def _words(table: pd.DataFrame) -> str:
     """What the last step brought, by the mean or the only class."""
     rows = table[table["class"] == table["class"].iloc[-1]]
     before, last = rows.iloc[-2], rows.iloc[-1]
+    over = averaged(int(last["draws"]))
     gains = " and ".join(
         f"{last[f'{name} more']:+.3f}{'' if np.isnan(sd := last[f'{name} more sd']) else f' ± {sd:.3f}'} {name}"
         for name in FIGURES
     )
     return (
-        f"Mean ± sd over draws of shots; solid: AUC, dotted: PCK. From {before['shots']} to {last['shots']} annotated "
-        f"shapes of a class: {gains} ({last['class']})."
+        f"{over[:1].upper()}{over[1:]}; solid: AUC, dotted: PCK. From {before['shots']} to "
+        f"{counted(int(last['shots']), 'annotated shape')} of a class: {gains} ({last['class']})."
     )
 
 

@@ -15,6 +15,7 @@ import plotly.graph_objects as go
 
 from b23d.schemas.features import PointFeatures
 from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.analyses.comparing import cosine, typical_difference
 from b23d.stages.workbench.analyses.drawing import add_band, finish
 from b23d.stages.workbench.analyses.interface import (
@@ -121,7 +122,7 @@ def _pair(
     if len(first.points) != len(second.points) or first.candidates != "cloud" or second.candidates != "cloud":
         raise ValueError(
             f"{names[1]}: expected a cloud whose points correspond to those of {names[0]}, "
-            f"got {len(second.points)} candidates "
+            f"got {counted(len(second.points), 'candidate')} "
             f'({second.candidates}); give both a cloud, as the data set "pairs" does'
         )
     there = first.to_unit(

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.analyses.comparing import centred, cosine
 from b23d.stages.workbench.analyses.drawing import SOFT, add_band, finish
 from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Result
@@ -154,5 +155,5 @@ def _caption(reference: ExecutedMember, params: Parameters) -> str:
     entries = list(reference.described())
     shapes, points = len(entries), sum(len(features.observed) for _, _, features in entries)
     smoothed = "smoothed" if params.features == "reweight" else "as the views give them"
-    what = f"{shapes} shapes, {points:,} points; features of {entries[0][2].descriptor}, {smoothed}"
+    what = f"{counted(shapes, 'shape')}, {points:,} points; features of {entries[0][2].descriptor}, {smoothed}"
     return f"{what}. Bands: ± one standard deviation."

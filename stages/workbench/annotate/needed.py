@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from b23d.pipeline.dataset import Shape
 from b23d.schemas.runfile import Shots
+from b23d.schemas.wording import counted
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class ClassNeeds:
         has = min(self.annotated, self.shots)
         more = f", {self.annotated - has} more annotated" if self.annotated > has else ""
         by = f"; the next is {self.by}" if self.by and self.needed else ""
-        return f"{self.category}: {has} of {self.shots} shots annotated{more}{by}"
+        return f"{self.category}: {has} of {counted(self.shots, 'shot')} annotated{more}{by}"
 
 
 Propose = Callable[[list[str], set[str]], tuple[list[str], str]]

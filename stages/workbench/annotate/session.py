@@ -14,6 +14,7 @@ import numpy as np
 from b23d.pipeline.dataset import Dataset, Leaf, Shape
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import Source
+from b23d.schemas.wording import counted
 from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.workbench.annotate.entries import (
     ConflictError,
@@ -110,7 +111,7 @@ class Session:
         where the user must decide first, ValueError where it is not valid."""
         edited = [Edited(k["id"], k["was"], k["hit"], k.get("name")) for k in keypoints]
         entry = save_entry(self.path, self._owns, given, lambda e: edited_entry(e or self.first, edited), force)
-        many = "1 keypoint" if len(keypoints) == 1 else f"{len(keypoints)} keypoints"
+        many = counted(len(keypoints), "keypoint")
         return {"message": f"saved {many} to {self.path}", "given": tag(entry)}
 
     def _owns(self, entry: Entry) -> bool:

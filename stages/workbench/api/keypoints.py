@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from b23d.schemas.wording import counted
 from b23d.stages.datasets.survey import survey
 from b23d.stages.workbench.api.features import store_place
 from b23d.stages.workbench.api.run import load
@@ -71,6 +72,8 @@ def _shots(shots: int | Iterable[str] | Mapping[str, Iterable[str]] | None, file
     if not isinstance(shots, Mapping):
         classes = {shape.category for shape in load(file).shapes}
         if len(classes) > 1:
-            raise ValueError(f"shots: expected class → ids for {len(classes)} classes, got ids alone; give a dict")
+            raise ValueError(
+                f"shots: expected class → ids for {counted(len(classes), 'class')}, got ids alone; give a dict"
+            )
         shots = {next(iter(classes)): shots}
     return [f"shots.ids={json.dumps({name: list(ids) for name, ids in shots.items()})}"]

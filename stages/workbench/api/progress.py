@@ -11,6 +11,7 @@ from typing import Any
 from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.schemas.wording import counted
 
 EVERY = 0.5  # seconds between two changes
 
@@ -51,7 +52,9 @@ class NotebookProgress:
             if count and 0 < self._done[stage] < count
         ]
         failed = [f"{self._failed} failed"] if self._failed else []
-        return " · ".join([f"{done} of {total} tasks, {time.monotonic() - self._began:.0f} s", *failed, *stages])
+        return " · ".join(
+            [f"{done} of {counted(total, 'task')}, {time.monotonic() - self._began:.0f} s", *failed, *stages]
+        )
 
     def _show(self) -> None:
         from IPython.display import HTML, display

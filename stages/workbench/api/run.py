@@ -20,6 +20,7 @@ from b23d.pipeline.planning.selection import EVERYTHING, Selection
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.api.guard import unguarded_script
 from b23d.stages.workbench.api.progress import NotebookProgress, in_notebook
 
@@ -59,7 +60,7 @@ class LoadedRun(Run):
 
     def __repr__(self) -> str:
         shots, file = self.config.file.shots, self.config.file
-        draws = f"{len(shots.draws)} draw{'s' * (len(shots.draws) != 1)} of {shots.count} shots"
+        draws = f"{counted(len(shots.draws), 'draw')} of {counted(shots.count, 'shot')}"
         return f"<b23d run {file.name}: {self._counted()}; {draws}; outputs {', '.join(file.outputs)}>"
 
     def _repr_html_(self) -> str:
@@ -68,12 +69,12 @@ class LoadedRun(Run):
     def _counted(self) -> str:
         classes = sorted({shape.category for shape in self.shapes})
         names = ", ".join(classes[:5]) + (" …" if len(classes) > 5 else "")
-        return f"{len(self.shapes)} shapes of {names} ({self.config.dataset.kind})"
+        return f"{counted(len(self.shapes), 'shape')} of {names} ({self.config.dataset.kind})"
 
     @property
     def scores(self) -> pd.DataFrame:
-        """One row per class and threshold: iou, iou_sd, pck (labelled), the class's auc. Raises ValueError before
-        anything is scored."""
+        """One row per class and threshold: iou, iou_sd, pck (labelled), symmetric_pck, the class's auc. Raises
+        ValueError before anything is scored."""
         import pandas as pd
 
         from b23d.stages.workbench.results.scores import run_scores
@@ -86,12 +87,18 @@ class LoadedRun(Run):
                 "iou": mean,
                 "iou_sd": sd,
                 "pck": pck,
+                "symmetric_pck": symmetric,
                 "auc": scores.auc.mean,
                 "targets": scores.targets,
             }
             for name, scores in table.classes.items()
-            for at, mean, sd, pck in zip(
-                scores.thresholds, scores.iou.mean, scores.iou.sd, scores.pck.mean, strict=True
+            for at, mean, sd, pck, symmetric in zip(
+                scores.thresholds,
+                scores.iou.mean,
+                scores.iou.sd,
+                scores.pck.mean,
+                scores.symmetric_pck.mean,
+                strict=True,
             )
         ]
         return pd.DataFrame(rows)

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from b23d.pipeline.verbs.options import DEFAULT_STORE, Json, StoreUrl
+from b23d.schemas.wording import counted
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,10 @@ def _torch() -> Iterator[Finding]:
         return
     fast = torch.backends.cpu.get_cpu_capability()
     yield Finding(
-        "torch", True, f"{torch.__version__}, {torch.get_num_threads()} threads of {os.cpu_count()} cores, {fast}"
+        "torch",
+        True,
+        f"{torch.__version__}, {counted(torch.get_num_threads(), 'thread')} of "
+        f"{counted(os.cpu_count() or 1, 'core')}, {fast}",
     )
     gpu = torch.cuda.is_available()
     yield Finding("gpu", gpu, torch.cuda.get_device_name() if gpu else "none; encoders run on the CPU", needed=False)

@@ -14,6 +14,7 @@ from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.runfile.config import feeding, needed_for
 from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,20 +60,20 @@ def keypoints(
     table = found.table[found.table["present"]] if present else found.table
     if not len(found.table):
         raise ValueError(
-            f"run {loaded.name}: expected predictions, got none made yet ({found.waiting} shapes wait); "
+            f"run {loaded.name}: expected predictions, got none made yet ({counted(found.waiting, 'shape')} without); "
             f"b23d run {run} makes them"
         )
     if out is not None:
         out = passed_over(out, loaded)
         write_table(table, out)
         shapes = len(table[["class", "shape"]].drop_duplicates())
-        said = f"wrote {out}: {len(table)} keypoints of {_count(shapes, 'shape')}"
+        said = f"wrote {out}: {counted(len(table), 'keypoint')} of {counted(shapes, 'shape')}"
         console.print(said, highlight=False, soft_wrap=True, markup=False)
     else:
         wide = console if console.is_terminal else Console(width=160)
         wide.print(_table(table.head(SHOWN)))
         if len(table) > SHOWN:
-            wide.print(f"… and {len(table) - SHOWN} more rows; -o FILE.csv writes them all", highlight=False)
+            wide.print(f"… and {counted(len(table) - SHOWN, 'more row')}; -o FILE.csv writes them all", highlight=False)
     for line in notes(found, draws is not None):
         console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
 
@@ -90,7 +91,7 @@ def notes(found: FoundKeypoints, asked: bool) -> list[str]:
         shown = ", ".join(strangers[:5]) + (f" and {len(strangers) - 5} more" if len(strangers) > 5 else "")
         lines.append(f"unlike the shots of their class, and perhaps of another (of_class below .5): {shown}")
     if found.waiting:
-        lines.append(f"{_count(found.waiting, 'shape')} without a prediction yet: failed, or not run")
+        lines.append(f"{counted(found.waiting, 'shape')} without a prediction yet: failed, or not run")
     return lines
 
 
@@ -127,10 +128,6 @@ def _cell(value: object) -> str:
     if pd.isna(value):
         return "·"
     return f"{value:.5g}" if isinstance(value, float) else escape(str(value))
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def _listed(seeds: list[int]) -> str:

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.verbs.options import Set, StoreUrl
+from b23d.schemas.wording import counted
 from b23d.stages.correspondence.matching import Method
 
 
@@ -64,6 +65,8 @@ def match(
             f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB)", highlight=False, soft_wrap=True, markup=False
         )
     middle = float(sorted(found.similarity.tolist())[len(found.similarity) // 2])
-    console.print(f"{len(found.points)} vertices matched, median cosine {middle:.2f}", highlight=False)
+    console.print(
+        f"{counted(len(found.points), 'vertex', 'vertices')} matched, median cosine {middle:.2f}", highlight=False
+    )
     if browser:
         webbrowser.open(page.resolve().as_uri())

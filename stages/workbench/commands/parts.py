@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
 
 from b23d.pipeline.run import Report, Run
 from b23d.pipeline.verbs.options import Json, RunPath, Set, StoreUrl
+from b23d.schemas.scores import PartTable
 from b23d.stages.workbench.results.scores import coverage, run_parts
 
 
@@ -27,6 +29,13 @@ def parts(
     else:
         console = Console()
         (console if console.is_terminal else Console(width=140)).print(render(table, coverage(loaded, "score_parts")))
+
+
+def recorded(result: dict[str, Any]) -> Table:
+    """The table that a record holds, drawn again. Raises ValueError where it is of another version."""
+    from b23d.stages.scoring.parts import render
+
+    return render(PartTable.model_validate(result))
 
 
 def after_run(run: Run, report: Report, console: Console) -> dict[str, Any] | None:

@@ -14,6 +14,7 @@ from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import Carried, load_config
 from b23d.pipeline.runfile.members import members
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
+from b23d.schemas.wording import counted
 
 
 def report(
@@ -55,7 +56,7 @@ def report(
         made = write_report(
             loaded, out, inline, details, draw, lambda done, total: progress.update(task, completed=done, total=total)
         )
-    views = "every shape" if made.detailed == made.shapes else f"{made.detailed} of {made.shapes} shapes"
+    views = "every shape" if made.detailed == made.shapes else f"{made.detailed} of {counted(made.shapes, 'shape')}"
     console.print(
         f"wrote {made.page} ({made.page_bytes / 1e6:.1f} MB), 3D views of {views}", highlight=False, soft_wrap=True
     )

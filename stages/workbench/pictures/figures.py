@@ -172,7 +172,7 @@ def add_curve(
         marker={"size": 6},
         line={"color": color, "width": 3.5 if wide else 2, "dash": dash},
         customdata=sd.tolist(),
-        hovertemplate=f"{name}<br>%{{x}}: %{{y:.3f}} ± %{{customdata:.3f}}<extra></extra>",
+        hovertemplate=f"{name}<br>%{{x}}: %{{y:.3f}}{' ± %{customdata:.3f}' * (scores.draws > 1)}<extra></extra>",
     )
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from b23d.pipeline.runfile.config import Config
 from b23d.schemas.scores import ClassScores, PartTable, Spread
+from b23d.schemas.wording import averaged, counted
 from b23d.stages.scoring.quoted import (
     B2_3D,
     CURVES,
@@ -24,7 +25,7 @@ from b23d.stages.scoring.quoted import (
 from b23d.stages.workbench.pictures.figures import MEAN, add_curve, add_quoted, curve_layout
 from b23d.stages.workbench.pictures.packing import as_json, packed_plotly
 from b23d.stages.workbench.pictures.palette import COLORS, class_color
-from b23d.stages.workbench.report.page import AT, few
+from b23d.stages.workbench.report.page import AT, environment, few
 from b23d.stages.workbench.results.comparing import Comparison, System
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ HERE = Path(__file__).parent
 DASHES = ("solid", "dot", "dashdot")
 PAGE = "comparison.html"
 SHOWN = (0.02, 0.05, 0.10)
-COLUMNS = ("IoU .02", "IoU .05", "IoU .10", "AUC", "PCK .10", "s / shape")
+COLUMNS = ("IoU .02", "IoU .05", "IoU .10", "AUC", "PCK .10", "sym. PCK .10", "s / shape")
 
 
 def write_comparison(config: Config, comparison: Comparison, folder: Path) -> Path:
@@ -47,19 +48,16 @@ def write_comparison(config: Config, comparison: Comparison, folder: Path) -> Pa
 
 def render_comparison(config: Config, comparison: Comparison) -> str:
     """The page."""
-    from jinja2 import Environment, FileSystemLoader
     from markupsafe import Markup
 
     groups = [_group(name, systems) for name, systems in comparison.groups().items()]
     data = {"figures": {group["key"]: group["figure"] for group in groups if group["figure"] is not None}}
     shots, shown = config.file.shots, [system for system in comparison.systems if system.shown]
     said = {line for system in comparison.systems for line in statements_of(system.name)}
-    environment = Environment(
-        loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template("comparison.html").render(
-        name=config.file.name, groups=groups, source=B2_3D.source, protocol=_protocol(shown), comparison=comparison,
-        line=f"{config.dataset.kind} · {few(shots)} · {len(shown)} of {len(comparison.systems)} systems",
+    return environment().get_template("comparison.html").render(
+        name=config.file.name, groups=groups, source=B2_3D.source, protocol=_protocol(shown),
+        over=averaged(_draws(shown)), counted=counted, comparison=comparison,
+        line=f"{config.dataset.kind} · {few(shots)} · {len(shown)} of {counted(len(comparison.systems), 'system')}",
         unsaid=[statement for statement in STATEMENTS if statement not in said], systems=comparison.systems,
         style=Markup(_static("report.css")), theme_script=Markup(_static("theme.js")),
         script=Markup(_static("library.js") + _static("figures.js")),
@@ -91,7 +89,7 @@ def keypoint_lines(systems: list[System]) -> list[dict[str, Any]]:
     lines = [_keypoint_line(system) for system in systems]
     for curve in _quoted(systems):
         iou = [ratio(curve.iou[place], 2) for place in AT]
-        cells = [*iou, ratio(curve.auc), "", ""]
+        cells = [*iou, ratio(curve.auc), "", "", ""]
         lines.append({"name": f"{curve.system} (paper)", "cells": cells, "quoted": True, "says": [curve.setting]})
     return lines
 
@@ -156,8 +154,8 @@ def _keypoint_line(system: System) -> dict[str, Any]:
         mean = system.scores.mean
         iou = [ratio(_at(mean, threshold), 2) for threshold in SHOWN]
         nameless = mean.presence.recall.mean == 0  # a detector's keypoints have no ids
-        pck = "–" if nameless else ratio(mean.pck.mean[-1], 2)
-        line["cells"] = [*iou, _spread(mean.auc, mean.draws), pck, brief(system.seconds)]
+        pck = ["–" if nameless else ratio(curve.mean[-1], 2) for curve in (mean.pck, mean.symmetric_pck)]
+        line["cells"] = [*iou, _spread(mean.auc, mean.draws), *pck, brief(system.seconds)]
     return line
 
 
@@ -201,6 +199,13 @@ def _protocol(systems: list[System]) -> str:
     return " | ".join(
         sorted({table.protocol for system in systems if (table := system.scores or system.parts) is not None})
     )
+
+
+def _draws(systems: list[System]) -> int:
+    """The most draws that a system's figures are over."""
+    tables = [system.scores.mean.draws for system in systems if system.scores is not None]
+    parts = [one.draws for s in systems if s.parts is not None for one in s.parts.classes.values()]
+    return max([1, *tables, *parts])
 
 
 def _static(name: str) -> str:

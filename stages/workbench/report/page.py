@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from b23d.pipeline.records.warned import warnings
 from b23d.pipeline.run import Run
 from b23d.schemas.runfile import Shots
 from b23d.schemas.scores import ClassScores, ScoreTable
+from b23d.schemas.wording import averaged, counted
 from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.scoring.quoted import B2_3D, CURVES
 from b23d.stages.scoring.reliability import reliability
@@ -24,6 +25,9 @@ from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
 from b23d.stages.workbench.results.columns import STRANGE, mean, shown_columns
 from b23d.stages.workbench.results.gathering import Quarantined
 from b23d.stages.workbench.results.summary import costs, dataset_fields, origins, settings
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 HERE = Path(__file__).parent
 SCRIPTS = (  # in this order
@@ -46,8 +50,6 @@ def render_page(
 ) -> str:
     """The whole page. `folder`: where details lie, relative to the page; `inline`: key → script that brings them, to
     stand inside; `analysis`: the page of `b23d analyse`, relative to this one."""
-    from jinja2 import Environment, FileSystemLoader
-
     stage_costs = costs(run, plan)
     fields = settings(run)
     columns = shown_columns(rows)
@@ -61,34 +63,44 @@ def render_page(
         "idColors": [id_color(i) for i in range(IDS)],
         "curves": json.loads(_curves(table)) if table is not None else None,
     }
-    environment = Environment(
-        loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
     safe = _markup()
-    return environment.get_template("report.html").render(
-        run=_run(run, rows),
-        analysis=analysis,
-        cards=cards(rows, table, stage_costs),
-        table=score_lines(table) if table else None,
-        paper_source=B2_3D.source,
-        reliability=reliability_lines(judged),
-        examples=examples,
-        classes=sorted({row["category"] for row in rows}),
-        failures=failures,
-        warnings=warnings(run.folder, plan),
-        columns=columns,
-        costs=cost_lines(stage_costs),
-        settings=fields,
-        changed=[line for line in fields if line["differs"]],
-        dataset=dataset_fields(run),
-        origins=origins(run, plan),
-        draws=_draws(plan),
-        style=safe(_static("report.css")),
-        theme_script=safe(_static("theme.js")),
-        scripts=[safe(_static(f"{name}.js")) for name in SCRIPTS],
-        plotly=safe(packed_plotly()),
-        data=safe(as_json(data)),
-        inline_details=[(key, safe(text)) for key, text in inline.items()],
+    return (
+        environment()
+        .get_template("report.html")
+        .render(
+            run=_run(run, rows),
+            analysis=analysis,
+            cards=cards(rows, table, stage_costs),
+            table=score_lines(table) if table else None,
+            paper_source=B2_3D.source,
+            reliability=reliability_lines(judged),
+            examples=examples,
+            classes=sorted({row["category"] for row in rows}),
+            failures=failures,
+            warnings=warnings(run.folder, plan),
+            columns=columns,
+            costs=cost_lines(stage_costs),
+            settings=fields,
+            changed=[line for line in fields if line["differs"]],
+            dataset=dataset_fields(run),
+            origins=origins(run, plan),
+            draws=_draws(plan),
+            style=safe(_static("report.css")),
+            theme_script=safe(_static("theme.js")),
+            scripts=[safe(_static(f"{name}.js")) for name in SCRIPTS],
+            plotly=safe(packed_plotly()),
+            data=safe(as_json(data)),
+            inline_details=[(key, safe(text)) for key, text in inline.items()],
+        )
+    )
+
+
+def environment() -> Environment:
+    """The templates, which escape all text."""
+    from jinja2 import Environment, FileSystemLoader
+
+    return Environment(
+        loader=FileSystemLoader(HERE / "templates"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
 
 
@@ -135,7 +147,9 @@ def cards(
     seconds, stored = sum(cost["seconds"] for cost in stage_costs), sum(cost["bytes"] for cost in stage_costs)
     found.append({"label": "computed in", "value": duration(seconds), "note": "all workers together"})
     size = f"{stored / 1e6:,.0f} MB" if stored < 1e10 else f"{stored / 1e9:,.1f} GB"
-    found.append({"label": "stored", "value": size, "note": f"{sum(cost['made'] for cost in stage_costs):,} artifacts"})
+    found.append(
+        {"label": "stored", "value": size, "note": counted(sum(cost["made"] for cost in stage_costs), "artifact")}
+    )
     return found
 
 
@@ -151,7 +165,7 @@ def score_lines(table: ScoreTable) -> dict[str, Any]:
         iou = [_figure(curve.iou[place], 2) for place in places]
         lines.append({"name": f"{curve.system}, paper", "auc": _figure(curve.auc), "iou": iou, "quoted": True})
     at = [_threshold(table.mean, place) for place in places]
-    return {"lines": lines, "draws": counted(table.mean.draws, "draw"), "at": at, "protocol": table.protocol}
+    return {"lines": lines, "over": averaged(table.mean.draws), "at": at, "protocol": table.protocol}
 
 
 def reliability_lines(judged: list[tuple[float, bool]]) -> dict[str, Any] | None:
@@ -191,11 +205,6 @@ def cost_lines(stage_costs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
-def counted(number: int, thing: str) -> str:
-    """1 draw, 5 draws, 2 classes."""
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}{'es' if thing.endswith('s') else 's'}"
-
-
 def few(shots: Shots) -> str:
     """3 shots, 5 draws."""
     return f"{counted(shots.count, 'shot')}, {counted(len(shots.draws), 'draw')}"
@@ -217,6 +226,7 @@ def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -
         "auc": _figure(scores.auc.mean) + (f" ± {_figure(scores.auc.sd)}" if scores.draws > 1 else ""),
         "iou": [_figure(scores.iou.mean[place], 2) for place in places],
         "pck": _figure(scores.pck.mean[places[-1]], 2),
+        "symmetric": _figure(scores.symmetric_pck.mean[places[-1]], 2),
         "either_front": _figure(scores.either_front_pck.mean[places[-1]], 2),
         "precision": _figure(scores.presence.precision.mean, 2),
         "recall": _figure(scores.presence.recall.mean, 2),
@@ -225,7 +235,7 @@ def _score_line(name: str, scores: ClassScores, places: list[int], color: str) -
 
 
 def _spread(scores: ClassScores) -> str:
-    return f"± {scores.auc.sd:.3f} over {scores.draws} draws" if scores.draws > 1 else "1 draw of shots"
+    return f"± {scores.auc.sd:.3f} over {counted(scores.draws, 'draw')}" if scores.draws > 1 else "1 draw of shots"
 
 
 def _figure(value: float, digits: int = 3) -> str:

@@ -45,6 +45,10 @@ def _pck(found: ShapeResults) -> float | None:
     return mean(_at(score, score.labelled / score.annotated, 0.10) for score in _scores(found) if score.annotated)
 
 
+def _symmetric(found: ShapeResults) -> float | None:
+    return mean(_at(score, score.symmetric / score.annotated, 0.10) for score in _scores(found) if score.annotated)
+
+
 def _error(found: ShapeResults) -> float | None:
     return mean(error for attempt in found.attempts for error in keypoint_errors(found, attempt).values())
 
@@ -100,6 +104,13 @@ COLUMNS = (
     Column("iou05", "IoU .05", OWN, _iou_at(0.05), "figure2"),
     Column("iou10", "IoU .10", OWN, _iou_at(0.10), "figure2"),
     Column("pck", "PCK .10", "annotated keypoints whose own id is predicted within .10", _pck, "figure2"),
+    Column(
+        "symmetric",
+        "sym. PCK .10",
+        "the same after the best exchange of ids that a symmetry of the shape permits",
+        _symmetric,
+        "figure2",
+    ),
     Column(
         "error",
         "error",

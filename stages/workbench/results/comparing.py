@@ -17,6 +17,7 @@ from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import feeding
 from b23d.pipeline.runfile.members import VARIANTS, Member
 from b23d.schemas.scores import PartTable, ScoreTable
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.results.gathering import failures
 from b23d.stages.workbench.results.summary import costs
 
@@ -153,7 +154,7 @@ def _scored(system: System, rows: dict[ScoreKey, ScoreRow], shared: set[ScoreKey
     common = sorted((key for key in rows if key in shared), key=str)
     if not common:
         return replace(system, reason="scored, but none of the targets that the others have scored", note="")
-    lacks = f"only {len(common)} of {len(shared)} targets" if len(common) < len(shared) else ""
+    lacks = f"only {len(common)} of {counted(len(shared), 'target')}" if len(common) < len(shared) else ""
     note = "; ".join(filter(None, [lacks, system.note]))
     return replace(system, scores=score_table(system.label, None, [rows[key] for key in common]), note=note)
 
@@ -176,7 +177,7 @@ def seconds(run: Run, plan: Plan) -> float | None:
 
 def _note(run: Run, plan: Plan) -> str:
     failed = len({failure.shape for failure in failures(run, plan) if failure.stage not in ("draw", SHOTS)})
-    return f"{failed} shape{'s' * (failed > 1)} failed" if failed else ""
+    return f"{counted(failed, 'shape')} failed" if failed else ""
 
 
 def _changes(member: Member) -> dict[str, str]:

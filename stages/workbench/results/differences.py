@@ -49,7 +49,8 @@ def score_table(one: Run, two: Run) -> Table:
             for i in _shown(a.thresholds)
         ]
         figures.append(("AUC", a.auc.mean, a.auc.sd, b.auc.mean, b.auc.sd))
-        figures.append(("PCK", a.pck.mean[-1], a.pck.sd[-1], b.pck.mean[-1], b.pck.sd[-1]))
+        for label, one_curve, two_curve in (("PCK", a.pck, b.pck), ("sym. PCK", a.symmetric_pck, b.symmetric_pck)):
+            figures.append((label, one_curve.mean[-1], one_curve.sd[-1], two_curve.mean[-1], two_curve.sd[-1]))
         for figure, mean1, sd1, mean2, sd2 in figures:
             table.add_row(
                 escape(name), figure, spread(mean1, sd1, a.draws), spread(mean2, sd2, b.draws), f"{mean2 - mean1:+.3f}"

@@ -8,6 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from b23d.schemas.wording import counted
 from b23d.stages.datasets.survey import Survey
 
 SHOTS = 3
@@ -66,8 +67,7 @@ def summary(found: Survey) -> str:
     formats = sorted({suffix for each in found.classes for suffix in each.formats})
     annotated = f"{found.annotated} annotated" if found.annotated else "none annotated yet"
     return (
-        f"{shapes} shape{'s' * (shapes != 1)} of {classes} class{'es' * (classes != 1)} "
-        f"({', '.join(s[1:] for s in formats)}), {annotated}"
+        f"{counted(shapes, 'shape')} of {counted(classes, 'class')} ({', '.join(s[1:] for s in formats)}), {annotated}"
     )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from b23d.pipeline.planning.selection import EVERYTHING, Selection
 from b23d.pipeline.run import Run
 from b23d.schemas.scores import PartScore, PartTable, ScoreTable, ShapeScore
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     from b23d.stages.scoring.summary import ScoreRow
@@ -35,8 +36,8 @@ def coverage(run: Run, stage: str, selection: Selection = EVERYTHING) -> str:
         return ""
     shapes, all_shapes = ({shape for shape, _ in pairs} for pairs in (made & wanted, wanted))
     if shapes == all_shapes:
-        return f"{len(made & wanted)} of {len(wanted)} targets of the draws"
-    return f"{len(shapes)} of {len(all_shapes)} targets"
+        return f"{len(made & wanted)} of {counted(len(wanted), 'target')} of the draws"
+    return f"{len(shapes)} of {counted(len(all_shapes), 'target')}"
 
 
 def _chosen(run: Run, selection: Selection) -> set[str] | None:

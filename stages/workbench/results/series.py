@@ -15,6 +15,7 @@ from rich.table import Table
 from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.members import Member
+from b23d.schemas.wording import counted
 from b23d.stages.workbench.results.scores import spread
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def run_series(
         found.append((member.label, loaded.name, {row[:3]: row for row in rows}))
     shared = set.intersection(*(set(rows) for _, _, rows in found))
     if lost := max(len(rows) for _, _, rows in found) - len(shared):
-        console.print(f"left out: {lost} scores of targets that not every step has scored", highlight=False)
+        console.print(f"left out: {counted(lost, 'score')} of targets that not every step has scored", highlight=False)
     return [
         (label, score_table(name, None, [rows[key] for key in sorted(shared, key=str)])) for label, name, rows in found
     ]
@@ -94,9 +95,8 @@ def series_plot(found: list[tuple[str, ScoreTable]]) -> str:
 
     names = [label for label, _ in found]
     auc = [scores.mean.auc for _, scores in found]
-    figure = go.Figure(
-        go.Bar(x=[a.mean for a in auc], y=names, orientation="h", error_x={"array": [a.sd for a in auc]})
-    )
+    spread_of = {"error_x": {"array": [a.sd for a in auc]}} if any(s.mean.draws > 1 for _, s in found) else {}
+    figure = go.Figure(go.Bar(x=[a.mean for a in auc], y=names, orientation="h", **spread_of))
     height = 120 + 34 * len(found)
     figure.update_layout(
         xaxis_title="AUC of IoU, 0 … .10", yaxis={"autorange": "reversed"}, margin={"l": 360}, height=height

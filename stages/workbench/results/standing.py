@@ -17,6 +17,7 @@ from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import feeding
 from b23d.pipeline.scheduling.execution import Report
 from b23d.schemas.shape import NormalizedShape
+from b23d.schemas.wording import counted
 
 if TYPE_CHECKING:
     from b23d.stages.geometry.upright import Upright
@@ -65,16 +66,16 @@ def class_line(category: str, shapes: list[NormalizedShape]) -> str | None:
         return None
     taken = f"taken to have {next(iter(declared))} up" if len(declared) == 1 else "made upright otherwise"
     return (
-        f"class {category}: {found.votes} of {found.asked} shapes looked at stand on {found.axis}, and are {taken}; "
-        "look at one, and set dataset.up if so"
+        f"class {category}: {found.votes} of {counted(found.asked, 'shape')} looked at stand on {found.axis}, "
+        f"and are {taken}; look at one, and set dataset.up if so"
     )
 
 
 def mixed_line(name: str, found: Upright) -> str:
     axes = " and ".join(f"{count} on {axis}" for axis, count in found.mixed)
     return (
-        f"{name}: up looks mixed: of {found.asked} shapes looked at, {axes} stand; look at them, and say which is "
-        "which with dataset.up: class, shape or pattern → axis"
+        f"{name}: up looks mixed: of {counted(found.asked, 'shape')} looked at, {axes} stand; look at them, "
+        "and say which is which with dataset.up: class, shape or pattern → axis"
     )
 
 

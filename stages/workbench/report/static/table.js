@@ -57,10 +57,18 @@
       const key = cell.querySelector("button")?.dataset.key;
       cell.setAttribute("aria-sort", key !== state.key ? "none" : state.descending ? "descending" : "ascending");
     });
-    counter.textContent = state.shown.length === rows.length ? `${rows.length} shapes` : `${state.shown.length} of ${rows.length} shapes`;
+    counter.textContent = state.shown.length === rows.length ? many(rows.length) : `${state.shown.length} of ${many(rows.length)}`;
     body.replaceChildren();
     state.drawn = 0;
     draw();
+  }
+
+  function many(count) {
+    return count === 1 ? "1 shape" : `${count} shapes`;
+  }
+
+  function many(count) {
+    return count === 1 ? "1 shape" : `${count} shapes`;
   }
 
   function compare(a, b) {   // what is missing stays last, whichever way
