@@ -64,7 +64,7 @@ def test_a_cloud_has_a_descriptor_a_point(here: Path) -> None:
         ("nowhere.ply", FileNotFoundError, "mesh: expected a mesh or cloud, got no file at"),
         (".", FileNotFoundError, "mesh: expected a mesh or cloud, got a folder"),
         (np.zeros((4, 2)), ValueError, r"mesh: expected vertices \(v, 3\), got an array of shape \(4, 2\)"),
-        ((np.zeros((3, 3)), np.array([[0, 1, 7]])), ValueError, "names? 3 vertices, got index 7"),
+        ((np.zeros((3, 3)), np.array([[0, 1, 7]])), ValueError, "its 3 vertices, counted from 0, got index 7"),
         (object(), TypeError, "mesh: expected a path, a mesh or arrays, got object"),
         ((np.zeros((3, 3)), np.array([[0, 1, 2]])), RuntimeError, "2 distinct points"),
     ],
