@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import SelectionError
 from b23d.pipeline.planning.selection import Selection
+from b23d.pipeline.run import Run
+from tests.small_runs import b23d, make_boxes
 
 SHAPES = [Shape(f"{c}{i}", c, {}) for c in ("chair", "table") for i in range(3)] + [Shape("[red]x[/]", "odd", {})]
 NAMES = {shape.name for shape in SHAPES}
@@ -57,3 +60,21 @@ def test_stages_are_checked() -> None:
     Selection(stages=("render",), until="extract").check_stages(["render", "extract"])
     with pytest.raises(SelectionError, match="did you mean 'extract'"):
         Selection(until="extrct").check_stages(["render", "extract"])
+
+
+@pytest.mark.parametrize("annotated", [0, 1])
+def test_shots_are_missed_by_what_needs_them_alone(tmp_path: Path, annotated: int) -> None:
+    """Two shots are asked for, and none or one is there: what needs no shots goes through, and `run` ends with 0."""
+    path = make_boxes(tmp_path, 3)
+    file = tmp_path / "shapes" / "keypoints.json"
+    file.write_text(json.dumps(json.loads(file.read_text())[:annotated]))
+    run = Run.load(path)
+    for stage in ("normalize", "reweight", "geodesic", "annotation"):
+        for selection in (Selection(until=stage), Selection(stages=(stage,))):
+            assert not run.plan(selection).problems, stage
+    for selection in (Selection(), Selection(until="learn"), Selection(stages=("normalize", "score"))):
+        (problem,) = run.plan(selection).problems
+        assert "annotat" in problem.error
+    assert run.plan(Selection(until="normalize")).draws == run.plan().draws, "draws are what they are"
+    b23d("run", str(path), "--workers", "0", "--until", "normalize")
+    assert "got" in b23d("run", str(path), "--workers", "0", "--until", "learn", code=1)

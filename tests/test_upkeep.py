@@ -12,6 +12,7 @@ from b23d.pipeline.inspection.upkeep import garbage, known_run_files, reached, v
 from b23d.pipeline.run import Run
 from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.runfile.members import members
+from tests.small_runs import b23d
 from tests.toy import make_toy
 
 
@@ -43,6 +44,29 @@ def test_explain_against_another_run_and_before_any(tmp_path: Path) -> None:
     assert str(explain(two, "toy/s0", "shift", against=one).differences[0]) == "stages.shift.by: 1.0 → 5.0"
     with pytest.raises(KeyError, match="did you mean"):
         explain(one, "s0", "shift")
+
+
+def test_explain_compares_draws_with_themselves(tmp_path: Path) -> None:
+    """Whatever was made last, an artifact is compared with one of its own shots; and where none is stored, it says."""
+    path = make_toy(tmp_path, 6)
+    for draws in ("[0, 1]", "[1, 0]", "[2]"):
+        Run.load(path, [f"shots.draws={draws}"]).execute(workers=0)
+    changed = Run.load(path, ["stages.square.power=3"])
+    for draw in Run.load(path).plan().draws:
+        for shape in draw.targets:
+            told = explain(changed, shape.name, "add", draw.seed)
+            assert [str(difference) for difference in told.differences] == ["stages.square.power: 2.0 → 3.0"]
+            assert told.draws == [draw.seed] and told.shots is None
+            same = explain(changed, shape.name, "add", draw.seed, Run.load(path))
+            assert same.differences == told.differences and same.shots is None
+    plan = Run.load(path, ["shots.draws=[0, 1, 2, 3, 4, 5]", "shots.count=3"]).plan()
+    new = next(draw for draw in plan.draws)
+    told = explain(Run.load(path, ["shots.count=3"]), new.targets[0].name, "add", 0)
+    names = tuple(sorted(shot.name for shot in new.shots))
+    assert told.shots is not None and told.shots[1] == names
+    assert f"→ {', '.join(names)}" in str(told.differences[0])
+    said = b23d("explain", str(path), new.targets[0].name, "add", "--draw", "0", "--set", "shots.count=3")
+    assert "another draw: of these shots" in said and ", draw 0: RUN" in said
 
 
 def test_verify_finds_damage_names_shapes_and_marks_them_to_run(tmp_path: Path) -> None:

@@ -50,15 +50,26 @@ class Explanation:
     """Deepest cause first: what stands at the head explains the rest."""
     cuts: list[str] = field(default_factory=list)
     """Where the chain of causes was cut: what was made anew, but gave what was known."""
+    draws: list[int] = field(default_factory=list)
+    """The draws that it is of; none where the stage sees no shots."""
+    shots: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    """The other's shots and its own, where like could not be compared with like: nothing of these shots is stored."""
 
 
 def explain(run: Run, shape: str, stage: str, draw: int | None = None, against: Run | None = None) -> Explanation:
-    """Explain one node of a run's plan, against the same node of another run or the nearest stored artifact.
+    """Explain one node of a run's plan, against the same node of another run or the nearest stored artifact: of the
+    same draw, where there is one.
 
     Raises KeyError where the run has no such shape or stage.
     """
     node = run.node(shape, stage, draw)
-    return explain_node(run, node, None if against is None else _of_node(against, against.node(shape, stage, draw)))
+    if against is None:
+        return explain_node(run, node)
+    try:
+        other = against.node(shape, stage, node.draws[0] if draw is None and node.draws else draw)
+    except KeyError:  # it is a shot in that draw of the other run
+        other = against.node(shape, stage, draw)
+    return explain_node(run, node, _of_node(against, other))
 
 
 def explain_node(run: Run, node: Node, before: _Recipe | None = None) -> Explanation:
@@ -69,8 +80,9 @@ def explain_node(run: Run, node: Node, before: _Recipe | None = None) -> Explana
     for name, above in _inputs(run, node).items():
         addresses = above if isinstance(above, list) else [above]
         parts.append(AddressPart(f"inputs.{name}", ", ".join(_describe(item) for item in addresses)))
-    before = before or _nearest(run, node)
-    found = [] if before is None else list(_differences(run, _of_node(run, node), before))
+    before, own = before or _nearest(run, node), _of_node(run, node)
+    found = [] if before is None else list(_differences(run, own, before))
+    unlike = before is not None and before.shots != own.shots
     return Explanation(
         node.stage,
         node.shape,
@@ -80,6 +92,8 @@ def explain_node(run: Run, node: Node, before: _Recipe | None = None) -> Explana
         before.address if before else None,
         _unique(found),
         list(dict.fromkeys(cuts(run, node))),
+        list(node.draws),
+        (before.shots, own.shots) if before is not None and unlike else None,
     )
 
 
@@ -87,6 +101,8 @@ def explain_node(run: Run, node: Node, before: _Recipe | None = None) -> Explana
 class _Recipe:
     """What an address is made of, whether it stands in a plan or in a stored artifact's provenance."""
 
+    run: Run
+    """Whose plan, or whose store."""
     stage: str
     address: str
     version: int
@@ -94,6 +110,8 @@ class _Recipe:
     inputs: dict[str, list[str]]
     above: dict[str, Any]
     """Address of an input → Node, LeafNode, an inline recipe, or nothing known."""
+    shots: tuple[str, ...] = ()
+    """Names, sorted, where they are known."""
 
 
 def _of_node(run: Run, node: Node) -> _Recipe:
@@ -104,14 +122,15 @@ def _of_node(run: Run, node: Node) -> _Recipe:
     inputs = {
         name: [i.recipe for i in v] if isinstance(v, list) else [v.recipe] for name, v in _inputs(run, node).items()
     }
-    return _Recipe(
-        node.stage, node.recipe, stage.version, params, {**inputs, **{k: [v] for k, v in fingerprint.items()}}, above
-    )
+    inputs |= {name: [value] for name, value in fingerprint.items()}
+    return _Recipe(run, node.stage, node.recipe, stage.version, params, inputs, above, tuple(sorted(node.shots)))
 
 
-def _of_provenance(stage: str, address: str, told: dict[str, Any], inline: dict[str, Any]) -> _Recipe:
+def _of_provenance(run: Run, stage: str, address: str, told: dict[str, Any], inline: dict[str, Any]) -> _Recipe:
     inputs = {name: value if isinstance(value, list) else [value] for name, value in told["inputs"].items()}
-    return _Recipe(stage, address, told["version"], flat(told["params"]), inputs, inline)
+    return _Recipe(
+        run, stage, address, told["version"], flat(told["params"]), inputs, inline, tuple(sorted(told.get("shots", ())))
+    )
 
 
 def _stored(run: Run, stage: str, address: str) -> _Recipe | None:
@@ -119,16 +138,17 @@ def _stored(run: Run, stage: str, address: str) -> _Recipe | None:
         told = run.store.head(stage, address).provenance
     except (ArtifactNotFoundError, CorruptArtifactError):
         return None
-    return _of_provenance(stage, address, told, told.get("inline", {}))
+    return _of_provenance(run, stage, address, told, told.get("inline", {}))
 
 
 def _nearest(run: Run, node: Node) -> _Recipe | None:
-    """The stored artifact of the same stage and shape with the fewest differing parts; the latest of those."""
+    """The stored artifact of the same stage, shape and, if there is one, the same shots with the fewest differing
+    parts; the latest of those."""
     stored = [
         recipe for a in run.index.made(node.stage, node.shape) if (recipe := _stored(run, node.stage, a)) is not None
     ]
     own = _of_node(run, node)
-    return min(reversed(stored), key=lambda recipe: _distance(own, recipe), default=None)
+    return min(reversed(stored), key=lambda recipe: (recipe.shots != own.shots, _distance(own, recipe)), default=None)
 
 
 def _distance(one: _Recipe, other: _Recipe) -> int:
@@ -143,7 +163,7 @@ def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference
     for name in sorted(shared, key=lambda name: name.startswith(SHOT)):  # the shape's own inputs first
         ours, theirs = now.inputs[name], before.inputs[name]
         if len(ours) != len(theirs):
-            yield Difference(f"shots of {now.stage} ({name})", _short(theirs), _short(ours))
+            yield Difference(f"shots of {now.stage} ({name})", _named(before, theirs), _named(now, ours))
             continue
         found = [
             d
@@ -152,7 +172,7 @@ def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference
         ]
         if name.startswith(SHOT) and any(difference.field.endswith(BYTES) for difference in found):
             yield Difference(
-                f"shots of {now.stage} ({name})", _short(theirs), _short(ours)
+                f"shots of {now.stage} ({name})", _named(before, theirs), _named(now, ours)
             )  # other shapes, not other parameters
         else:
             yield from found
@@ -174,11 +194,11 @@ def _input_differences(
         yield Difference(f"{name} of {now.stage} {BYTES}", other[:12], mine[:12])
         return
     if isinstance(known, Node):
-        recipe: _Recipe | None = _of_node(run, known)
+        recipe: _Recipe | None = _of_node(before.run, known)
     elif isinstance(known, dict):
-        recipe = _of_provenance(above.stage, other, known, before.above)
+        recipe = _of_provenance(before.run, above.stage, other, known, before.above)
     else:
-        recipe = _stored(run, above.stage, other)
+        recipe = _stored(before.run, above.stage, other)
     if recipe is None:
         yield Difference(f"{above.stage} (no longer stored)", other[:12], mine[:12])
     else:
@@ -199,5 +219,8 @@ def _unique(found: list[Difference]) -> list[Difference]:
     return list(dict.fromkeys(found))
 
 
-def _short(addresses: list[str]) -> str:
+def _named(recipe: _Recipe, addresses: list[str]) -> str:
+    """A draw's shots by name; by address where an artifact does not tell them."""
+    if len(recipe.shots) == len(addresses):
+        return ", ".join(recipe.shots)
     return "[" + ", ".join(address[:8] for address in addresses) + "]"

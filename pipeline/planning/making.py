@@ -55,7 +55,7 @@ def _make_plan(config: Config, shapes: list[Shape], planner: Planner, selection:
         planner.settle(node)
     by_shape, nodes = _only_selected(config, selection, targets, by_shape, nodes)
 
-    problems = _problems(shapes, draws, planner)
+    problems = _problems(shapes, draws, planner, _asked(config, selection))
     planner.index.save_digests()
     stages = [name for name in config.stages if name in _stages(config, selection)]
     return Plan(stages, nodes, by_shape, draws, planner.contents, problems)
@@ -86,6 +86,12 @@ def _stages(config: Config, selection: Selection) -> set[str]:
     if selection.stages:
         return set(selection.stages)
     return needed_for(config, selection.until) if selection.until else set(config.stages)
+
+
+def _asked(config: Config, selection: Selection) -> set[str]:
+    """The stages that a selection is about, and all that they need, stored or not."""
+    named = selection.stages or ((selection.until,) if selection.until else ())
+    return set().union(*(needed_for(config, name) for name in named)) if named else set(config.stages)
 
 
 def _only_selected(
@@ -123,12 +129,13 @@ def _missing_above(node: Node, kept: ByAddress) -> str | None:
     return None
 
 
-def _problems(shapes: list[Shape], draws: list[Draw], planner: Planner) -> list[Failure]:
-    """What is wrong before anything runs: unusable shapes, draws without shots, files that cannot be read."""
+def _problems(shapes: list[Shape], draws: list[Draw], planner: Planner, stages: set[str]) -> list[Failure]:
+    """What is wrong before anything runs, as far as these stages need it: unusable shapes, draws without shots, files
+    that cannot be read."""
     listed = [
         Failure("source", shape.name, MISSING, naming(shape.name, shape.error), True) for shape in shapes if shape.error
     ]
-    leaves = planner.shot_leaves()
+    leaves = planner.shot_leaves(stages)
     told = draw_problems(shapes, planner.config.file.shots, draws, leaves)
     if leaves and not any(leaves & shape.leaves.keys() for shape in shapes):
         told[planner.config.dataset.unannotated()] = True
@@ -136,7 +143,8 @@ def _problems(shapes: list[Shape], draws: list[Draw], planner: Planner) -> list[
         Failure(SHOTS if mistaken else "draw", one.split(":")[0], MISSING, f"ValueError: {one}", True)
         for one, mistaken in told.items()
     ]
-    lost = {shape: leaf.error for (shape, _), leaf in planner.leaves.items() if leaf.error}
+    taken = {source for name in stages for source in planner.sources[name].values()}
+    lost = {shape: leaf.error for (shape, name), leaf in planner.leaves.items() if leaf.error and name in taken}
     unread = [Failure("source", shape, MISSING, error, True) for shape, error in lost.items()]
     return [*listed, *undrawn, *unread]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from b23d.pipeline.address import StageAddress, leaf_address, sha256
@@ -113,13 +113,14 @@ class Planner:
         self.by_shape[key] = node
         return node
 
-    def shot_leaves(self) -> set[str]:
-        """The leaves that this run's stages must have of every shot: what makes a shape an annotated one."""
+    def shot_leaves(self, stages: Collection[str] | None = None) -> set[str]:
+        """The leaves that these stages, or all of this run's, must have of every shot: what makes a shape an annotated
+        one."""
         asked = [
             (name, i)
             for name, stage in self.config.stages.items()
             for i in stage.inputs
-            if i.per_shot and not i.optional
+            if i.per_shot and not i.optional and (stages is None or name in stages)
         ]
         return {self.sources[name][item.name] for name, item in asked} - self.config.stages.keys()
 

@@ -43,7 +43,8 @@ def explain(
         _print_descent(loaded, shape, stage, draw)
         return
     told = explain_node(loaded, shape, stage, draw, Run.load(against, (), store) if against else None)
-    title = escape(f"{told.stage} of {told.shape}: {told.state.upper()}, address {told.address[:16]}")
+    of = f", draw {', '.join(map(str, told.draws))}" if told.draws else ""
+    title = escape(f"{told.stage} of {told.shape}{of}: {told.state.upper()}, address {told.address[:16]}")
     table = Table("part", "value", title=title, title_justify="left")
     for part in told.parts:
         table.add_row(escape(part.name), escape(part.value))
@@ -57,6 +58,10 @@ def explain(
         console.print(f"the same as in {where}" if against else "stored under this very address", markup=False)
     else:
         console.print(f"differs from {where} ({told.nearest[:16]}) first in:", highlight=False, markup=False)
+        if told.shots is not None:
+            theirs, own = (", ".join(names) or "unknown" for names in told.shots)
+            said = f"another draw: of these shots, {own}, it has none; compared with that of {theirs}"
+            console.print(said, highlight=False, markup=False, soft_wrap=True)
         for difference in told.differences:
             console.print(f"  [bold]{escape(str(difference))}[/]", highlight=False)
 
