@@ -11,7 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app, plug_in
-from b23d.pipeline.runfile.config import Carried, Config, load_config
+from b23d.pipeline.runfile.config import Config, load_config
+from b23d.pipeline.runfile.overrides import Carried
 from b23d.stages.workbench.commands.ablate import DETOURS
 from b23d.stages.workbench.results.changes import Change, Way, members, way
 from tests.small_runs import make_boxes

@@ -82,8 +82,8 @@ def test_options_of_match_are_named_and_no_run_file_that_nobody_wrote(tmp_path: 
     files = [str(tmp_path / name) for name in ("a.obj", "b.obj")]
     for words, begin in (
         (["--encoder", "nope"], "--encoder nope: expected one of "),
-        (["--set", "stages.extract.encoder=nope"], "[stages.extract]: encoder nope: expected one of "),
-        (["--set", "stages.extract.depth=3"], "[stages.extract]: expected a known key, got 'depth'"),
+        (["--set", "stages.extract.encoder=nope"], "--set stages.extract.encoder=nope: encoder nope: expected one of "),
+        (["--set", "stages.extract.depth=3"], "--set stages.extract.depth=3: expected a known key, got 'depth'"),
     ):
         done = CliRunner().invoke(app, ["match", *files, *words])
         assert isinstance(done.exception, RunFileError), done.output

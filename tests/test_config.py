@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from b23d.pipeline.errors import MissingPackageError, RunFileError
-from b23d.pipeline.runfile.config import Carried, load_config, refuse_unused
+from b23d.pipeline.runfile.config import load_config, refuse_unused
 from b23d.pipeline.runfile.members import members
+from b23d.pipeline.runfile.overrides import Carried
 from tests.toy import make_toy
 
 RUNS = Path(__file__).parents[1] / "runs"
@@ -50,7 +51,7 @@ def test_a_base_is_extended(tmp_path: Path) -> None:
     [
         ("stages.square.powr=1", "did you mean 'power'"),
         ("stages.squar.power=1", "did you mean 'square'"),
-        ("stages.square.power=wide", "valid number"),
+        ("stages.square.power=wide", "--set stages.square.power=wide: power: expected a number, got 'wide'"),
         ("dataset.kind=toi", "did you mean 'toy'"),
         ("dataset.rot=1", "did you mean 'root'"),
         ("shot.count=1", "did you mean 'shots'"),
@@ -102,7 +103,9 @@ def test_a_run_file_may_hold_several_methods_and_set_switches() -> None:
     hashed = [config.params["optimize"].hashed() for config in configs]
     assert [sorted(table.keys() & set(methods)) for table in hashed] == [["softmax"], ["discrete"]]
     assert hashed[1]["discrete"]["starts"] == 32
-    with pytest.raises(RunFileError, match="input should be 'labelled'"):  # tables not chosen are checked
+    with pytest.raises(
+        RunFileError, match="expected one of 'labelled', 'sorted', got -1"
+    ):  # tables not chosen are checked
         load_config(run, [Carried("stages.optimize.hungarian.assignment=-1")])
 
 

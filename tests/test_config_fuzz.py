@@ -125,7 +125,7 @@ def test_any_bytes(data: bytes) -> None:
     [
         ('name = "x"\n[dataset]\nkind = ["a"]', "expected dataset.kind to be one of"),
         ('name = "x"\nbase = 5\n[dataset]\nkind = "folder"', "expected base to be another run file, got 5"),
-        ("name = 3\n[dataset]\nkind = 'folder'", "name: input should be a valid string, got 3"),
+        ("name = 3\n[dataset]\nkind = 'folder'", "run file .*: name: expected text, got 3"),
         ("name = 'x'\ndataset = 5", "dataset: .*got 5"),
         ("name = 'x'\nx = " + "[" * 5000 + "]" * 5000, "nested too deep"),
         ("name = 'x'\n[dataset]\nkind = 'folder'\nroot = \"a\\u0000b\"", "expected root to be a path"),

@@ -143,7 +143,7 @@ def test_addresses_change_where_up_is_not_y_and_nowhere_else(boxes: Path) -> Non
 @pytest.mark.parametrize(
     ("override", "told"),
     [
-        ("dataset.up=up", r"\[dataset\]: up: expected one of y, z, .*, got 'up'; mend"),
+        ("dataset.up=up", r"--set dataset.up=up: up: expected one of y, z, .*, got 'up'; mend"),
         ("dataset.up={box = 3}", r"up.box: expected one of y, z, .*, got 3; mend"),
         ("dataset.up=[1]", r"up: expected one of .*, got \[1\]; mend"),
     ],

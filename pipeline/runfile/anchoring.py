@@ -41,15 +41,15 @@ def tables_in(table: Any) -> list[Any]:
     return list(table.values()) if isinstance(table, dict) else []
 
 
-def place_store(tables: dict[str, Any], path: Path) -> None:
+def place_store(tables: dict[str, Any], path: Path, where: str) -> None:
     """Make the store's root absolute: relative to the file it stands in, or to the current folder if overridden; a URL
-    is left alone. Raises RunFileError where it can be neither."""
+    is left alone; `where` it is said, for messages. Raises RunFileError where it can be neither."""
     store = tables.setdefault("store", {})
     if isinstance(store, dict):
         root = store.get("root", Anchored(StoreOptions().root, path.parent))
         if isinstance(root, str):
             folder = root.folder if isinstance(root, Anchored) else Path.cwd()
-            store["root"] = absolute(root, folder, f"run file {path}: [store] root")
+            store["root"] = absolute(root, folder, where)
 
 
 def absolute(root: str, folder: Path, where: str = "store") -> str:

@@ -5,20 +5,50 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from b23d.pipeline.errors import RunFileError
 from b23d.schemas.params import Params, choice_of, homes
+from b23d.schemas.wanted import wanted
 
 P = TypeVar("P", bound=Params)
 
 
+@dataclass(frozen=True)
+class Place:
+    """A table of a run file, for messages; what an override has set is blamed on the override."""
+
+    path: Path
+    name: str
+    """Dotted; "" for the file itself."""
+    overrides: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"run file {self.path}" + (f": [{self.name}]" if self.name else "")
+
+    def table(self, name: str) -> Place:
+        """Another table of the file, by its whole dotted name."""
+        return replace(self, name=name)
+
+    def of(self, key: str) -> str:
+        """Where a field of this table (or, without a name, any of them) was said: the last override that sets it, or
+        the table it stands in; else the file."""
+        dotted = ".".join(filter(None, (self.name, key)))
+        for text in reversed(self.overrides):
+            set_, _, _ = (part.strip() for part in text.partition("="))
+            if f"{dotted}.".startswith(f"{set_}.") or set_.startswith(f"{dotted}."):
+                return f"--set {text}"
+        return str(self)
+
+
 def validate(
-    model: type[P], table: Mapping[str, Any], where: str, above: Mapping[str, type[Params]] | None = None
+    model: type[P], table: Mapping[str, Any], where: Place, above: Mapping[str, type[Params]] | None = None
 ) -> P:
-    """Raises RunFileError with a line for everything that is wrong; `where` begins each.
+    """Raises RunFileError with a line for everything that is wrong; what said it (`where`) begins each.
 
     above: tables in which a key may belong that this one has not, by their dotted names.
     """
@@ -30,15 +60,16 @@ def validate(
         ) from error
 
 
-def _line(model: type[BaseModel], problem: Any, where: str, above: Mapping[str, type[Params]]) -> str:
+def _line(model: type[BaseModel], problem: Any, place: Place, above: Mapping[str, type[Params]]) -> str:
     key = ".".join(map(str, problem["loc"]))
+    where = place.of(key)
     table = _table_at(model, problem["loc"][:-1])
     if problem["type"] == "extra_forbidden":
         name = str(problem["loc"][-1])
-        elsewhere = _belongs(table, name, where) if table else None
+        elsewhere = _belongs(table, name, place.name) if table else None
         if above:
             given = problem["input"] if isinstance(problem["input"], dict) else {}
-            tables = {where.rpartition("[")[2].rstrip("]"): model, **above}
+            tables = {place.name: model, **above}
             elsewhere = elsewhere or next(filter(None, (_lives(str(one), tables) for one in (name, *given))), None)
         elsewhere = elsewhere or suggest(name, table.model_fields if table else ())
         return f"{where}: expected a known key, got {key!r}; {elsewhere}"
@@ -52,8 +83,7 @@ def _line(model: type[BaseModel], problem: Any, where: str, above: Mapping[str, 
         )
     if problem["type"] == "value_error" and "; " in (own := str(problem["ctx"]["error"])):  # says it all itself
         return f"{where}: {own}"
-    told = f"{where}: {key}: {problem['msg'][:1].lower()}{problem['msg'][1:]}"
-    return f"{told}, got {short(problem['input'])}; mend the value"
+    return f"{where}: {key}: expected {wanted(problem)}, got {short(problem['input'])}; mend the value"
 
 
 def short(value: Any) -> str:
@@ -65,11 +95,10 @@ def short(value: Any) -> str:
     return text if len(text) <= 120 else f"{text[:120]}…"
 
 
-def _belongs(model: type[BaseModel], name: str, where: str) -> str | None:
+def _belongs(model: type[BaseModel], name: str, stage: str) -> str | None:
     """Where a key that is none of the model's own belongs; None where no table of it has one of that name."""
     if not (found := homes(model, name)):
         return None
-    stage = where.rpartition("[")[2].rstrip("]")
     choices = [choice_of(model, home[0]) for home in found]
     of = f"{choices[0][0]} " if choices[0] else ""
     owners = ", ".join(

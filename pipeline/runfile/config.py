@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,11 +11,12 @@ from typing import Any, get_args
 from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.runfile.anchoring import Anchored, anchor, place_store, table_in, tables_in
-from b23d.pipeline.runfile.checking import short, suggest, validate
+from b23d.pipeline.runfile.checking import Place, short, suggest, validate
+from b23d.pipeline.runfile.overrides import Carried, parsed, put, unused
 from b23d.pipeline.runfile.plugins import Plugin
 from b23d.pipeline.stage import Stage, default_outputs, load_stages
 from b23d.schemas.artifact import Artifact
-from b23d.schemas.params import Params, flat, missing_choice, tables_of
+from b23d.schemas.params import Params, tables_of
 from b23d.schemas.runfile import RunFile, Tls
 
 
@@ -35,11 +35,6 @@ class Config:
     """The user's own modules; loaded here, and in every worker."""
 
 
-class Carried(str):
-    """An override that may set options of choices not taken, as a run file may: it goes through a whole series of
-    runs."""
-
-
 def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     """Read `path` (TOML), apply `a.b=value` overrides, check every table.
 
@@ -49,31 +44,34 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     path, overrides = Path(path), tuple(overrides)
     tables = _read(path)
     for text in overrides:
-        _put(tables, *_override(text))
+        put(tables, *parsed(text))
     plugins = _plugins(tables)
     for plugin in plugins:
         plugin.load()
-    installed = load_stages()
+    installed, place = load_stages(), Place(path, "", overrides)
     tls = table_in(table_in(tables, "execution"), "tls")
-    tls.update(_absolute(Tls, tls, f"run file {path}: [execution.tls]"))
-    place_store(tables, path)
+    tls.update(_absolute(Tls, tls, place.table("execution.tls")))
+    said = place.table("store").of("root")
+    place_store(tables, path, said if said.startswith("--set") else f"{said} root")
     if "outputs" not in tables:
         tables["outputs"] = default_outputs()
-    file = validate(RunFile, tables, f"run file {path}")
-    dataset = _dataset(file, path)
+    file = validate(RunFile, tables, place)
+    dataset = _dataset(file, place)
     stages = _needed(file, installed, dataset.lacks())
     for name in file.stages:
         if name not in installed:
-            raise RunFileError(f"run file {path}: expected a stage, got [stages.{name}]; {suggest(name, installed)}")
-    every = {name: _params(installed, name, file, path) for name in {**stages, **file.stages}}
+            where = place.of(f"stages.{name}")
+            raise RunFileError(f"{where}: expected a stage, got [stages.{name}]; {suggest(name, installed)}")
+    every = {name: _params(installed, name, file, place) for name in {**stages, **file.stages}}
     params = {name: every[name] for name in stages}  # tables of the others are checked as well
     for text in overrides:
-        if not isinstance(text, Carried) and (reason := _unused(text, every)):
+        if not isinstance(text, Carried) and (reason := unused(text, every)):
             raise RunFileError(reason)
     for name in file.store.transient:
         if name not in installed:
+            where = place.of("store.transient")
             raise RunFileError(
-                f"run file {path}: expected store.transient to name stages, got {name!r}; {suggest(name, installed)}"
+                f"{where}: expected store.transient to name stages, got {name!r}; {suggest(name, installed)}"
             )
     return Config(path, overrides, file, dataset, stages, params, plugins)
 
@@ -81,7 +79,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
 def refuse_unused(overrides: Iterable[str], configs: Sequence[Config]) -> None:
     """Raises RunFileError where one of the overrides counts in none of a series of runs."""
     for text in overrides:
-        reasons = [_unused(text, config.params) for config in configs]
+        reasons = [unused(text, config.params) for config in configs]
         if reasons and all(reasons):
             raise RunFileError(str(reasons[0]))
 
@@ -173,83 +171,33 @@ def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
             into[key] = value
 
 
-def _override(text: str) -> tuple[list[str], Any]:
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip():
-        raise RunFileError(f"--set: expected a.b=value, got {text!r}; for example --set shots.count=5")
-    return name.strip().split("."), _value(value.strip())
-
-
-def _value(text: str) -> Any:
-    """TOML's value if it is one (2, 0.5, true, "x", ["a", "b"]), JSON's if it is one, else the text itself."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):
-        pass
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return text
-
-
-def _put(tables: dict[str, Any], keys: list[str], value: Any) -> None:
-    for key in keys[:-1]:
-        inner = tables.setdefault(key, {})
-        if not isinstance(inner, dict):
-            raise RunFileError(f"--set {'.'.join(keys)}: expected {key} to be a table, got {inner!r}; check the name")
-        tables = inner
-    tables[keys[-1]] = value
-
-
-def _unused(text: str, params: Mapping[str, Params]) -> str | None:
-    """Why an override sets an option of a choice not taken; None where what it sets counts."""
-    keys, value = _override(text)
-    if keys[0] != "stages":
-        return None
-    for dotted in flat({".".join(keys): value}):
-        stage, *inner = dotted.split(".")[1:] or [""]
-        if stage not in params or not inner:
-            continue
-        if missing := missing_choice(params[stage], inner):
-            field, got, wanted = missing
-            return (
-                f"--set {text}: expected an option of {field} = {_plain(got)}, got one of {field} = {_plain(wanted)}; "
-                f"choose that with --set stages.{stage}.{field}={_plain(wanted)}"
-            )
-    return None
-
-
-def _plain(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _dataset(file: RunFile, path: Path) -> Dataset:
+def _dataset(file: RunFile, place: Place) -> Dataset:
     kind = file.dataset.get("kind")
     if not isinstance(kind, str) or kind not in DATASETS:
         known = ", ".join(sorted(DATASETS))
         raise RunFileError(
-            f"run file {path}: expected dataset.kind to be one of {known}, got {short(kind)}; "
+            f"{place.of('dataset.kind')}: expected dataset.kind to be one of {known}, got {short(kind)}; "
             f"{suggest(str(kind), DATASETS)}"
         )
-    where = f"run file {path}: [dataset]"
+    where = place.table("dataset")
     return validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset, where), where)
 
 
-def _params(installed: Mapping[str, Stage], name: str, file: RunFile, path: Path) -> Params:
-    where, stage = f"run file {path}: [stages.{name}]", installed[name]
+def _params(installed: Mapping[str, Stage], name: str, file: RunFile, place: Place) -> Params:
+    where, stage = place.table(f"stages.{name}"), installed[name]
     feeders = [feeding(file, item.upstream) for item in stage.inputs]
     fed = [other for other in installed if name in (feeding(file, item.upstream) for item in installed[other].inputs)]
     near = {f"stages.{other}": installed[other].params for other in [*fed, *feeders] if other in installed}
     return validate(stage.params, _absolute(stage.params, file.stages.get(name, {}), where), where, near)
 
 
-def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _absolute(model: type[Params], table: Mapping[str, Any], where: Place) -> dict[str, Any]:
     """The table with its Path fields absolute: relative to the file they stand in, or to the current folder if
     overridden."""
 
     def resolve(key: str, value: Any) -> Any:
         if key in (tables := tables_of(model)) and isinstance(value, dict):
-            return _absolute(tables[key], value, where)
+            return _absolute(tables[key], value, where.table(f"{where.name}.{key}"))
         field = model.model_fields.get(key)
         if field is None or Path not in (field.annotation, *get_args(field.annotation)) or not isinstance(value, str):
             return str(value) if isinstance(value, Anchored) else value
@@ -257,7 +205,7 @@ def _absolute(model: type[Params], table: Mapping[str, Any], where: str) -> dict
         try:
             return (folder / Path(value).expanduser()).resolve()
         except (OSError, ValueError, RuntimeError) as error:  # a null byte, the home of nobody, links in a circle
-            raise RunFileError(f"{where}: expected {key} to be a path, got {short(value)}; {error}") from error
+            raise RunFileError(f"{where.of(key)}: expected {key} to be a path, got {short(value)}; {error}") from error
 
     return {key: resolve(key, value) for key, value in table.items()}
 

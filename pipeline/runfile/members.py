@@ -7,7 +7,8 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from b23d.pipeline.runfile.config import Carried, Config
+from b23d.pipeline.runfile.config import Config
+from b23d.pipeline.runfile.overrides import Carried
 
 SUFFIX = ".sweep"
 """Of the name, and so of the folder, of every member; addresses do not know it."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from types import ModuleType
 
-from pydantic import ValidationError
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.run import Run
+from b23d.pipeline.runfile.checking import Place, validate
 from b23d.pipeline.runfile.config import Config, load_config, refuse_unused
 from b23d.pipeline.runfile.members import Member, members
 from b23d.stages.workbench.analyses import module_of
@@ -21,18 +21,12 @@ from b23d.stages.workbench.analyses.page import cells
 
 def analysis_of(config: Config) -> tuple[ModuleType, AnalysisParams]:
     """The analysis that a run file asks for, and its checked fields. Raises RunFileError."""
-    table = config.file.analysis
+    table, place = config.file.analysis, Place(config.path, "analysis", config.overrides)
     try:
         module = module_of(table)
-        params: AnalysisParams = module.Parameters.model_validate(table)
-    except ValidationError as error:
-        lines = [
-            f"run file {config.path}: [analysis] {'.'.join(map(str, e['loc']))}: {e['msg'].lower()}; mend it"
-            for e in error.errors()
-        ]
-        raise RunFileError("\n".join(lines)) from error
     except ValueError as error:
-        raise RunFileError(f"run file {config.path}: {error}") from error
+        raise RunFileError(f"{place.of('kind')}: {error}") from error
+    params: AnalysisParams = validate(module.Parameters, table, place)
     return module, params
 
 

@@ -6,6 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from b23d.schemas.wanted import wanted
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Id = Annotated[int, Field(ge=0, lt=2**31, strict=True)]
@@ -70,4 +72,4 @@ class SaveRequest(Request):
 
 def told(errors: list[Any]) -> str:
     """What pydantic found, in a line."""
-    return "; ".join(f"{'.'.join(map(str, e['loc'])) or 'the request'}: {e['msg'].lower()}" for e in errors[:3])
+    return "; ".join(f"{'.'.join(map(str, e['loc'])) or 'the request'}: expected {wanted(e)}" for e in errors[:3])

@@ -134,7 +134,7 @@ class Handler(BaseHTTPRequestHandler):
         except ConflictError as error:
             status, value = 409, {"error": str(error), "stale": isinstance(error, StaleError)}
         except ValidationError as error:
-            status, value = 400, {"error": f"expected what the page sends, got {told(error.errors())}"}
+            status, value = 400, {"error": f"expected what the page sends, got another request: {told(error.errors())}"}
         except Exception as error:  # whatever it is, the page hears of it and the server goes on
             status = 400 if isinstance(error, ValueError | KeyError | TypeError | IndexError | OSError) else 500
             value = {"error": str(error.args[0] if isinstance(error, KeyError) and error.args else error)}

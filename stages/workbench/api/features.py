@@ -104,8 +104,7 @@ def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[s
         config = load_config(RUN_FILE, chosen)
     except RunFileError as error:  # nobody has written this run file: what was asked for is at fault
         message = str(error).replace(f"run file {RUN_FILE}: ", "")
-        asked = message.replace("[stages.extract]: encoder", "encoder") if encoder is not None else message
-        raise RunFileError(asked) from error
+        raise RunFileError(message.replace(f"--set stages.extract.encoder={encoder}: ", "")) from error
     run = Run(replace(config, dataset=GivenShapes.of(**things)), store_place(store))
     run.folder = Path(run.store.root if run.store.local else Path.cwd()) / ".given"
     return run

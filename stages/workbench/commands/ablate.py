@@ -14,8 +14,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from b23d.pipeline.runfile.config import Carried, load_config, refuse_unused
+from b23d.pipeline.runfile.config import load_config, refuse_unused
 from b23d.pipeline.runfile.members import Member
+from b23d.pipeline.runfile.overrides import Carried
 from b23d.pipeline.verbs.options import Limit, Set, StoreUrl, Workers
 from b23d.stages.workbench.results.changes import members, way
 from b23d.stages.workbench.results.series import run_series, series_json, series_plot, series_table

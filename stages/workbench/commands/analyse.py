@@ -17,7 +17,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from b23d.pipeline.runfile.config import Carried, load_config
+from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.runfile.overrides import Carried
 from b23d.pipeline.verbs.options import Set, StoreUrl, Workers
 
 

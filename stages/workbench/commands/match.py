@@ -56,7 +56,7 @@ def match(
         with console.status("describing both shapes"):
             found = matched(a, b, method=method, encoder=encoder, overrides=set, store=store)
     except RunFileError as error:
-        raise RunFileError(("--" if str(error).startswith("encoder ") else "") + str(error)) from error
+        raise RunFileError(("--" if str(error).startswith("encoder") else "") + str(error)) from error
     found.write(out)
     page = page or out.with_suffix(".html")
     write_match_page(found, (a.name, b.name), page)

@@ -11,8 +11,9 @@ from rich.progress import Progress
 
 from b23d.pipeline.planning.nodes import State
 from b23d.pipeline.run import Run
-from b23d.pipeline.runfile.config import Carried, load_config
+from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.runfile.members import members
+from b23d.pipeline.runfile.overrides import Carried
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 from b23d.schemas.wording import counted
 

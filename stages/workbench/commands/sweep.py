@@ -25,8 +25,9 @@ from rich.markup import escape
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Run
-from b23d.pipeline.runfile.config import Carried, load_config, refuse_unused
+from b23d.pipeline.runfile.config import load_config, refuse_unused
 from b23d.pipeline.runfile.members import Member, members
+from b23d.pipeline.runfile.overrides import Carried
 from b23d.pipeline.verbs.options import Limit, Set, StoreUrl, Workers
 
 

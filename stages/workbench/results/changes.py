@@ -7,8 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from b23d.pipeline.runfile.config import Carried, Config
+from b23d.pipeline.runfile.config import Config
 from b23d.pipeline.runfile.members import Member
+from b23d.pipeline.runfile.overrides import Carried
 from b23d.schemas.params import flat
 
 
