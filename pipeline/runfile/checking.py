@@ -16,10 +16,11 @@ from b23d.schemas.params import Params, choice_of, homes
 from b23d.schemas.wanted import wanted
 
 P = TypeVar("P", bound=Params)
+SHOWN = 120  # characters of a value that a message shows
 
 
 @dataclass(frozen=True)
-class Place:
+class Where:
     """A table of a run file, for messages; what an override has set is blamed on the override."""
 
     path: Path
@@ -30,7 +31,7 @@ class Place:
     def __str__(self) -> str:
         return f"run file {self.path}" + (f": [{self.name}]" if self.name else "")
 
-    def table(self, name: str) -> Place:
+    def table(self, name: str) -> Where:
         """Another table of the file, by its whole dotted name."""
         return replace(self, name=name)
 
@@ -41,12 +42,12 @@ class Place:
         for text in reversed(self.overrides):
             set_, _, _ = (part.strip() for part in text.partition("="))
             if f"{dotted}.".startswith(f"{set_}.") or set_.startswith(f"{dotted}."):
-                return f"--set {text}"
+                return f"--set {text if len(text) <= SHOWN else text[:SHOWN] + '…'}"
         return str(self)
 
 
 def validate(
-    model: type[P], table: Mapping[str, Any], where: Place, above: Mapping[str, type[Params]] | None = None
+    model: type[P], table: Mapping[str, Any], where: Where, above: Mapping[str, type[Params]] | None = None
 ) -> P:
     """Raises RunFileError with a line for everything that is wrong; what said it (`where`) begins each.
 
@@ -60,7 +61,7 @@ def validate(
         ) from error
 
 
-def _line(model: type[BaseModel], problem: Any, place: Place, above: Mapping[str, type[Params]]) -> str:
+def _line(model: type[BaseModel], problem: Any, place: Where, above: Mapping[str, type[Params]]) -> str:
     key = ".".join(map(str, problem["loc"]))
     where = place.of(key)
     table = _table_at(model, problem["loc"][:-1])
@@ -92,7 +93,7 @@ def short(value: Any) -> str:
         text = repr(str(value) if isinstance(value, str) else value)
     except (RecursionError, ValueError):  # ValueError: a whole number of more digits than Python prints
         return f"a {type(value).__name__} too deep or long to print"
-    return text if len(text) <= 120 else f"{text[:120]}…"
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
 
 
 def _belongs(model: type[BaseModel], name: str, stage: str) -> str | None:

@@ -11,7 +11,7 @@ from typing import Any, get_args
 from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.runfile.anchoring import Anchored, anchor, place_store, table_in, tables_in
-from b23d.pipeline.runfile.checking import Place, short, suggest, validate
+from b23d.pipeline.runfile.checking import Where, short, suggest, validate
 from b23d.pipeline.runfile.overrides import Carried, parsed, put, unused
 from b23d.pipeline.runfile.plugins import Plugin
 from b23d.pipeline.stage import Stage, default_outputs, load_stages
@@ -48,7 +48,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     plugins = _plugins(tables)
     for plugin in plugins:
         plugin.load()
-    installed, place = load_stages(), Place(path, "", overrides)
+    installed, place = load_stages(), Where(path, "", overrides)
     tls = table_in(table_in(tables, "execution"), "tls")
     tls.update(_absolute(Tls, tls, place.table("execution.tls")))
     said = place.table("store").of("root")
@@ -61,7 +61,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     for name in file.stages:
         if name not in installed:
             where = place.of(f"stages.{name}")
-            raise RunFileError(f"{where}: expected a stage, got [stages.{name}]; {suggest(name, installed)}")
+            raise RunFileError(f"{where}: expected a stage, got {short(name)}; {suggest(name, installed)}")
     every = {name: _params(installed, name, file, place) for name in {**stages, **file.stages}}
     params = {name: every[name] for name in stages}  # tables of the others are checked as well
     for text in overrides:
@@ -71,7 +71,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
         if name not in installed:
             where = place.of("store.transient")
             raise RunFileError(
-                f"{where}: expected store.transient to name stages, got {name!r}; {suggest(name, installed)}"
+                f"{where}: expected store.transient to name stages, got {short(name)}; {suggest(name, installed)}"
             )
     return Config(path, overrides, file, dataset, stages, params, plugins)
 
@@ -171,7 +171,7 @@ def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
             into[key] = value
 
 
-def _dataset(file: RunFile, place: Place) -> Dataset:
+def _dataset(file: RunFile, place: Where) -> Dataset:
     kind = file.dataset.get("kind")
     if not isinstance(kind, str) or kind not in DATASETS:
         known = ", ".join(sorted(DATASETS))
@@ -183,7 +183,7 @@ def _dataset(file: RunFile, place: Place) -> Dataset:
     return validate(DATASETS[kind], _absolute(DATASETS[kind], file.dataset, where), where)
 
 
-def _params(installed: Mapping[str, Stage], name: str, file: RunFile, place: Place) -> Params:
+def _params(installed: Mapping[str, Stage], name: str, file: RunFile, place: Where) -> Params:
     where, stage = place.table(f"stages.{name}"), installed[name]
     feeders = [feeding(file, item.upstream) for item in stage.inputs]
     fed = [other for other in installed if name in (feeding(file, item.upstream) for item in installed[other].inputs)]
@@ -191,7 +191,7 @@ def _params(installed: Mapping[str, Stage], name: str, file: RunFile, place: Pla
     return validate(stage.params, _absolute(stage.params, file.stages.get(name, {}), where), where, near)
 
 
-def _absolute(model: type[Params], table: Mapping[str, Any], where: Place) -> dict[str, Any]:
+def _absolute(model: type[Params], table: Mapping[str, Any], where: Where) -> dict[str, Any]:
     """The table with its Path fields absolute: relative to the file they stand in, or to the current folder if
     overridden."""
 
@@ -228,7 +228,7 @@ def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str]) -> d
             if source not in installed:
                 if item.upstream in file.feeds:
                     raise RunFileError(
-                        f"feeds.{item.upstream}: expected a stage, got {source!r}; {suggest(source, installed)}"
+                        f"feeds.{item.upstream}: expected a stage, got {short(source)}; {suggest(source, installed)}"
                     )
                 for gate in gates(installed, source, item.schema):
                     if gate != name and not item.example:
@@ -243,6 +243,6 @@ def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str]) -> d
     for output in file.outputs:
         source = feeding(file, output)
         if source not in installed:
-            raise RunFileError(f"outputs: expected a stage, got {source!r}; {suggest(source, installed)}")
+            raise RunFileError(f"outputs: expected a stage, got {short(source)}; {suggest(source, installed)}")
         visit(source, ())
     return order

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.run import Run
-from b23d.pipeline.runfile.checking import Place, validate
+from b23d.pipeline.runfile.checking import Where, validate
 from b23d.pipeline.runfile.config import Config, load_config, refuse_unused
 from b23d.pipeline.runfile.members import Member, members
 from b23d.stages.workbench.analyses import module_of
@@ -21,7 +21,7 @@ from b23d.stages.workbench.analyses.page import cells
 
 def analysis_of(config: Config) -> tuple[ModuleType, AnalysisParams]:
     """The analysis that a run file asks for, and its checked fields. Raises RunFileError."""
-    table, place = config.file.analysis, Place(config.path, "analysis", config.overrides)
+    table, place = config.file.analysis, Where(config.path, "analysis", config.overrides)
     try:
         module = module_of(table)
     except ValueError as error:
