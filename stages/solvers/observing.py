@@ -83,7 +83,7 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
     prior = deformation_covariance(mean_places, params.deformation) * gate
     described = gather(
         [
-            (descriptors(one, basis.basis)[points] - basis.mean) / basis.scale
+            (descriptors(one, basis.basis, points) - basis.mean) / basis.scale
             for one, points in zip(prepared, at, strict=True)
         ]
     )

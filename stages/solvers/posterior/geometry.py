@@ -132,6 +132,7 @@ def squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(np.maximum((a * a).sum(1)[:, None] + (b * b).sum(1)[None] - 2 * a @ b.T, 0))
 
 
-def descriptors(shape: Prepared, basis: np.ndarray) -> np.ndarray:
-    """(n, c + g) float32: components of the features by the basis (channel, c), then the local geometry."""
-    return np.concatenate([shape.features @ basis, shape.geometry], 1)
+def descriptors(shape: Prepared, basis: np.ndarray, points: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(n, c + g) float32 of some points, or of all: components of the features by the basis (channel, c), then the
+    local geometry."""
+    return np.concatenate([shape.features[points] @ basis, shape.geometry[points]], 1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from b23d.schemas.shot_model import ShotModel
 from b23d.stages.solvers.nearness import nearness
+from b23d.stages.solvers.posterior.a_few import a_few
 from b23d.stages.solvers.posterior.geometry import Prepared
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.predicting import NEAR, predict
@@ -23,7 +24,7 @@ def folds(has: np.ndarray) -> np.ndarray:
     known = np.flatnonzero(has.any(1))
     if len(known) < 2:
         return np.zeros(0, int)
-    return known[np.unique(np.linspace(0, len(known) - 1, min(FOLDS, len(known))).round().astype(int))]
+    return known[a_few(len(known), FOLDS)]
 
 
 def held_out(model: ShotModel, shots: Sequence[Prepared], which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

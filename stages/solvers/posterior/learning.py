@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from b23d.stages.solvers.learn_options import Deformation, LearnParams
+from b23d.stages.solvers.posterior.a_few import a_few
 from b23d.stages.solvers.posterior.geometry import Prepared, descriptors, squared
 from b23d.stages.solvers.posterior.weighing import FAR
 
 WORTH = 100.0  # examples, beyond each id's first, that make keypoints' own covariance count as much as all points'
+SEEN = 20_480  # points that tell what the surfaces look like; of more, every so many of each shot
 COPIES = 1e-6  # examples that differ by less than this share of what points do are copies, and tell nothing
 
 
@@ -24,21 +26,28 @@ class DescriptorBasis:
     """(channel, c) float32, principal directions."""
     mean: np.ndarray
     scale: np.ndarray
-    """(c + g,) float32, of the descriptor over all points of all shots."""
+    """(c + g,) float32, of the descriptor over the points of all shots."""
     covariance: np.ndarray
     """(c + g, c + g) of the standardised descriptor over the same points."""
 
 
 def basis_of(shots: Sequence[Prepared], params: LearnParams) -> DescriptorBasis:
-    """Of all points of the shots, whatever their labels."""
-    features = np.concatenate([shot.features for shot in shots])
+    """Of the points of the shots, whatever their labels."""
+    each = [_spread(shot, SEEN / sum(len(shot.position) for shot in shots)) for shot in shots]
+    features = np.concatenate([shot.features[points] for shot, points in zip(shots, each, strict=True)])
     features = features - features.mean(0)
     basis = np.linalg.eigh(features.T @ features)[1][:, ::-1][:, : params.components]
     basis = basis * np.sign(basis[np.abs(basis).argmax(0), np.arange(basis.shape[1])])  # the same on every machine
-    every = np.concatenate([descriptors(shot, basis) for shot in shots])
+    every = np.concatenate([descriptors(shot, basis, points) for shot, points in zip(shots, each, strict=True)])
     mean, scale = every.mean(0), every.std(0) + np.float32(1e-6)
     every = (every - mean) / scale
     return DescriptorBasis(np.ascontiguousarray(basis), mean, scale, every.T @ every / len(every))
+
+
+def _spread(shot: Prepared, share: float) -> np.ndarray:
+    """Such a share of the points, all over the surface, however they are ordered; all of them for 1 and more."""
+    count = len(shot.position)
+    return np.lexsort(shot.position.T)[a_few(count, max(1, int(share * count)))] if share < 1 else np.arange(count)
 
 
 def discriminating_covariance(everywhere: np.ndarray, examples: np.ndarray, has: np.ndarray) -> np.ndarray:

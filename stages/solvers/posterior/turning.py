@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from b23d.stages.solvers.likeness import occupancy, shared
+from b23d.stages.solvers.posterior.a_few import a_few
 from b23d.stages.solvers.posterior.contrast import contrast
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, squared, turned
 from b23d.stages.solvers.posterior.options import PosteriorParams
@@ -15,6 +16,7 @@ from b23d.stages.solvers.posterior.predicting import looks, mean_field, prior, s
 from b23d.stages.solvers.posterior.weighing import Weighed
 
 REFINED = 4  # local maxima of the first evidence that are followed up
+REFERENCES = 8  # shots whose frame may be the common one
 PLACE_SD = 0.05  # by which a keypoint's place differs from shape to shape, in longest box sides
 EVIDENT = 3.0  # nats by which a turn must explain two shots' labels better than none does
 AS_IT_IS = 60.0  # nats that it takes to turn a target where all shots stand alike; on aligned sets false fronts have 50
@@ -38,9 +40,10 @@ class InFrame:
 
 
 def aligned(shots: list[Prepared], same_frame: float) -> tuple[list[Prepared], np.ndarray]:
-    """The shots, turned onto the one that needs the least turning in all, and (s,) by which each was: 0 for those that
-    stand as it does, within `same_frame` degrees."""
-    pairs = np.array([[_turn(shot, reference, same_frame) for reference in shots] for shot in shots])
+    """The shots, turned onto the one, of a few, that needs the least turning in all, and (s,) by which each was: 0 for
+    those that stand as it does, within `same_frame` degrees."""
+    references = [shots[i] for i in a_few(len(shots), REFERENCES)]
+    pairs = np.array([[_turn(shot, reference, same_frame) for reference in references] for shot in shots])
     turns = pairs[:, np.abs(pairs).sum(0).argmin()]
     return [turned(shot, turn) for shot, turn in zip(shots, turns, strict=True)], turns
 
