@@ -75,6 +75,10 @@ class ShotModel(Artifact):
     """Points spread over each shot, by which it is laid over a target."""
     surface_looks: Annotated[np.ndarray, ArraySpec("shot point component", "float32")]
     """Components of their features."""
+    around: Annotated[np.ndarray, ArraySpec("shot k neighbour 3", "float32", unit="longest side of the box")]
+    """Points around each keypoint, from it."""
+    around_looks: Annotated[np.ndarray, ArraySpec("shot k neighbour component", "float16")]
+    """Components of their features."""
     class_tokens: Annotated[np.ndarray, ArraySpec("shot channel", "float32")] | None = None
     """None where a shot has none."""
     mean_features: Annotated[np.ndarray, ArraySpec("shot channel", "float32")]

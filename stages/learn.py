@@ -10,7 +10,7 @@ from b23d.schemas.shot_model import ShotModel
 from b23d.stages.solvers.learn_options import LearnParams
 
 
-@stage(version=8, hints=Hints(memory_gb=1.0))
+@stage(version=9, hints=Hints(memory_gb=1.0))
 def learn(
     shot_normalize: list[NormalizedShape],
     shot_reweight: list[PointFeatures],

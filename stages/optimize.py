@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from b23d.stages.solvers.options import Adam, Discrete, Softmax
 
 
-@stage(version=12, hints=Hints(memory_gb=0.5))
+@stage(version=13, hints=Hints(memory_gb=0.5))
 def optimize(
     normalize: NormalizedShape,
     reweight: PointFeatures,

@@ -30,9 +30,9 @@ CHANGED = {
     "normalize": "version 5: stray points and specks are left out, and `stray` is new; clouds of over 4,096 points are "
     "sampled, it was 8,192; concave polygons, glTF and text files are read otherwise; `watertight_resolution` dropped "
     "where nothing is made watertight",
-    "optimize": "version 12: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
+    "optimize": "version 13: it takes what `learn` has made of the shots, once a draw, and leaves it the options that "
     "concern the shots; predictions say how probable it is that they are right; places come from the shots most alike, "
-    "laid over the target; "
+    "laid over the target as a whole and then around each keypoint; "
     "where the surface lies, and how it differs from itself turned half round, tells a front; so is a target searched "
     "that clearly stands otherwise than shots that stand alike; copies of a shot do not tell how much a class differs; "
     "what is absent is told by how little what is found looks like it",

@@ -24,6 +24,7 @@ from b23d.stages.solvers.posterior.learning import (
     frame_gate,
     learned_covariance,
 )
+from b23d.stages.solvers.posterior.neighbourhoods import POINTS, REACH, around
 from b23d.stages.solvers.posterior.registering import SAMPLE, surface_of
 from b23d.stages.solvers.posterior.turning import aligned
 from b23d.stages.solvers.posterior.weighing import weighed
@@ -62,8 +63,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
     at = [shot.at for shot in shots]
 
     def gather(values: Sequence[np.ndarray]) -> np.ndarray:
-        """(s, k, d) float32 of values (g, d) of each shot's keypoints."""
-        found = np.zeros((*has.shape, values[0].shape[1]), np.float32)
+        """(s, k, …) float32 of values (g, …) of each shot's keypoints."""
+        found = np.zeros((*has.shape, *values[0].shape[1:]), np.float32)
         for one, own, value in zip(found, rows, values, strict=True):
             one[own] = value
         return found
@@ -88,6 +89,7 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         ]
     )
     spread = min(SAMPLE, *(len(one.position) for one in prepared))
+    nearby = [around(one, points, basis.basis, REACH, POINTS) for one, points in zip(prepared, at, strict=True)]
     surfaces = [surface_of(one, basis.basis, spread) for one in prepared]
     tokens = [token for shot in shots if (token := shot.features.class_token) is not None]
     observed: dict[str, Any] = {
@@ -111,6 +113,8 @@ def observe(shots: Sequence[Shot], params: LearnParams) -> ShotModel:
         "contrasts": np.stack(contrasts),
         "surface": np.stack([one.box for one in surfaces]),
         "surface_looks": np.stack([one.looks for one in surfaces]),
+        "around": gather([one.places for one in nearby]),
+        "around_looks": gather([one.looks for one in nearby]).astype(np.float16),
         "class_tokens": np.stack(tokens) if len(tokens) == len(shots) else None,
         "mean_features": looks,
         "basis": basis.basis,

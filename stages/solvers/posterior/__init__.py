@@ -1,10 +1,10 @@
 """The `posterior` method: keypoints by their expected hits under a small probabilistic model learned from the shots.
 
-It goes past the paper in five ways: a linear discriminant says what a keypoint looks like against everything that is
+It goes past the paper in six ways: a linear discriminant says what a keypoint looks like against everything that is
 none; a deformation prior, moved towards what the shots show, says how keypoints move together in a common frame; where
 they are, and which there are, is expected from the shots most like the target; these shots are laid over it first, so
-that its own surface carries their keypoints along; and each keypoint is put where the posterior expects most hits, not
-at its mode.
+that its own surface carries their keypoints along; each keypoint is put where the posterior expects most hits, not at
+its mode; and there the shots' own neighbourhoods of it say where within that.
 
 On KeypointNet's bathtubs and beds (3 draws, saliency ViT-S/14) AUC is .43, .48, .58, .62 and .66 with 1, 3, 10,
 25 and 50 shots; one mean of all shots for all targets gave .42, .47, .53, .56 and .60.

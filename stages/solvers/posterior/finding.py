@@ -31,10 +31,10 @@ def find(
 
     points (n, 3) of the target, features (n, channel) centred and of unit length, weights (s,), looks (channel,) its
     mean feature. What keypoints look like is learned from all shots that count; where they are, from those most like
-    it, laid over it.
+    it, laid over it as a whole and then around each.
     """
     stood = in_frame(weighed(model, weights), prepare(points, features, distances, model.radii), params)
     near = nearness(model, weights, occupancy(stood.shape.position), looks)
-    found = predict(laid_over(weighed(model, weights, near), near, stood.shape), stood.shape, params)
+    found = predict(laid_over(weighed(model, weights, near), near, stood.shape), near, stood.shape, params)
     others = sum(share * near_mass(posterior, stood.shape, found.points) for share, posterior in stood.others)
     return replace(found, mass=stood.share * found.mass + others, front_margin=stood.margin)

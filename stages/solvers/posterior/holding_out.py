@@ -39,7 +39,7 @@ def held_out(model: ShotModel, shots: Sequence[Prepared], which: np.ndarray) -> 
         weights[i] = 0
         alike = nearness(model, weights, model.occupancy[i], model.mean_features[i])
         shot = shots[i]
-        found = predict(laid_over(weighed(model, weights, alike), alike, shot), shot, PosteriorParams())
+        found = predict(laid_over(weighed(model, weights, alike), alike, shot), alike, shot, PosteriorParams())
         columns = np.flatnonzero((weights @ model.has) > 0)
         sure[i, columns] = found.mass
         row = {int(id): int(at) for id, at in zip(shot.ids, shot.keypoints, strict=True)}

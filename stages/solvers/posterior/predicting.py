@@ -10,11 +10,13 @@ import numpy.typing as npt
 
 from b23d.stages.solvers.calibration import log_odds
 from b23d.stages.solvers.posterior.geometry import THINNEST, Prepared, descriptors, squared
+from b23d.stages.solvers.posterior.neighbourhoods import told_by_neighbourhoods
 from b23d.stages.solvers.posterior.options import PosteriorParams
 from b23d.stages.solvers.posterior.weighing import Weighed
 
 NEAR = 0.05  # a keypoint is found that is no farther off along the surface, in longest box sides
 LOOKS, USUAL = 6.0, 0.35  # log-odds of presence that likeness is worth, and that of keypoints as likely there as not
+IMPOSSIBLE = 1e-200  # less than this is not told apart
 NEGLIGIBLE = 1e-9  # a candidate less probable than this for every keypoint adds nothing to expected hits
 
 
@@ -25,7 +27,7 @@ class Found:
     points: npt.NDArray[np.int64]
     """(k,) candidates."""
     hits: np.ndarray
-    """(k,) expected hit at the chosen point, 0 … 1: certain of it within the hit radius."""
+    """(k,) most expected hits by the mean field, 0 … 1: certain of it within the hit radius."""
     mass: np.ndarray
     """(k,) posterior of the candidates within `NEAR` of the chosen point along the surface, 0 … 1, whatever the front
     is."""
@@ -35,15 +37,24 @@ class Found:
     """Nats of evidence by which the front that was taken beats the next best; None where none was looked for."""
 
 
-def predict(learned: Weighed, target: Prepared, params: PosteriorParams) -> Found:
+def predict(learned: Weighed, near: np.ndarray, target: Prepared, params: PosteriorParams) -> Found:
+    """Where the mean field expects most hits, shots' neighbourhoods are laid, the nearer ones', of near (s,); points
+    are those of most expected hits by both. What is said of them, and of presence, is by the mean field alone."""
     posterior = mean_field(learned, target, unary_costs(learned, target, params), params)
+    points, hits = most_hits(posterior, target, params)
+    present = judged_present(learned, hits, alike(learned, target, posterior), params.present)
+    told = told_by_neighbourhoods(learned, near, target, points)
+    points = most_hits(_normalised(told - np.log(np.maximum(posterior, IMPOSSIBLE))), target, params)[0]
+    return Found(points, hits, near_mass(posterior, target, points), present)
+
+
+def most_hits(posterior: np.ndarray, target: Prepared, params: PosteriorParams) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) candidates of most expected hits by posterior (k, n), and these."""
     likely = np.flatnonzero(posterior.max(0) > NEGLIGIBLE)
     nearness = np.maximum(0, 1 - target.distances[likely] * np.float32(target.diameter / params.hit_radius))
     expected = posterior[:, likely].astype(np.float32) @ nearness
     points = expected.argmax(1)
-    hits = expected[np.arange(len(points)), points]
-    present = judged_present(learned, hits, alike(learned, target, posterior), params.present)
-    return Found(points, hits, near_mass(posterior, target, points), present)
+    return points, expected[np.arange(len(points)), points]
 
 
 def near_mass(posterior: np.ndarray, target: Prepared, points: np.ndarray) -> np.ndarray:
