@@ -32,6 +32,7 @@ from b23d.pipeline.scheduling.execution import Report, RunLoop
 from b23d.pipeline.scheduling.scheduler import DaskExecutor, Executor, InlineExecutor
 from b23d.pipeline.scheduling.stopping import Stopped
 from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.pipeline.stage import load_stages_once
 from b23d.pipeline.storage.index import Index
 from b23d.pipeline.store import Store
 from b23d.schemas.artifact import Artifact
@@ -71,6 +72,7 @@ class Run:
 
     def plan(self, selection: Selection = EVERYTHING, accepting: Accepting | None = None) -> Plan:
         """What is there and what is missing; nothing is executed. `accepting`: as if these older versions were."""
+        _check(selection)
         return make_plan(self.config, self.shapes, self.store, self.index, selection, accepting)
 
     def execute(
@@ -87,6 +89,7 @@ class Run:
         that is given to a worker and every outcome; both are written to `run.log` in the run's folder, too.
         Raises StoreError where the store cannot be written, ResourceError where no worker has what a stage needs.
         """
+        _check(selection)
         self.open_to_write()
         self.store.drop_leftovers()
         record, started = begin(self.store, self.config, selection), time.perf_counter()
@@ -130,8 +133,8 @@ class Run:
 
     def node(self, shape: str, stage: str, draw: int | None = None) -> Node:
         """The plan's node of (shape, stage)."""
-        stage = feeding(self.config.file, stage)
-        if stage not in self.config.stages:
+        stage = feeding(self.config.file, stage) if isinstance(stage, str) else stage
+        if not isinstance(stage, str) or stage not in self.config.stages:
             raise KeyError(f"stage: expected one of {', '.join(self.config.stages)}, got {stage!r}; check the name")
         found = [
             node
@@ -140,7 +143,7 @@ class Run:
         ]
         if not found:
             having = sorted({name for s, name, d in self._plan.by_shape if s == stage and draw in (None, d)})
-            names = [name for name in having if shape in name]
+            names = [name for name in having if str(shape) in name]
             if any(s.name == shape for s in self.shapes):
                 hint = "a shot has no prediction in its own draw, and no score without keypoints"
             else:
@@ -152,7 +155,10 @@ class Run:
         return (present or found)[0]
 
     def collect(self, stage: str) -> Iterator[tuple[Shape, int | None, Artifact]]:
-        """(shape, draw, artifact) of everything a stage has made in this run."""
+        """(shape, draw, artifact) of everything a stage has made in this run. Raises KeyError where there is no such
+        stage."""
+        if not isinstance(stage, str) or feeding(self.config.file, stage) not in load_stages_once():
+            raise KeyError(f"stage: expected one of {', '.join(self.config.stages)}, got {stage!r}; check the name")
         stage = feeding(self.config.file, stage)
         shapes = {shape.name: shape for shape in self.shapes}
         for (name, shape, draw), node in self._plan.by_shape.items():
@@ -201,3 +207,10 @@ class Run:
         except OSError as error:
             log.warning("%s: expected room for %s.json, got %s; the artifacts are stored", self.folder, name, error)
         self.__dict__.pop("_plan", None)
+
+
+def _check(selection: object) -> None:
+    """Raises TypeError where it is no Selection."""
+    if not isinstance(selection, Selection):
+        example = "Selection(shapes=('chair/*',), until='extract')"
+        raise TypeError(f"selection: expected a Selection, got {selection!r}; for example {example}")

@@ -71,8 +71,26 @@ def test_a_bad_shape_of_match_is_named_once(tmp_path: Path, text: str) -> None:
     (tmp_path / "good.obj").write_text(OBJ)
     with pytest.raises(RuntimeError) as error:
         b23d.match(tmp_path / "bad.obj", tmp_path / "good.obj", store=str(tmp_path / "store"))
-    assert str(error.value).startswith("ValueError: given/a: expected ")
-    assert len(re.findall(r"bad\.obj", str(error.value))) == 1 and "given/bad" not in str(error.value)
+    assert str(error.value).startswith(f"ValueError: {tmp_path / 'bad.obj'}: expected ")
+    assert len(re.findall(r"bad\.obj", str(error.value))) == 1 and "given/" not in str(error.value)
+
+
+def test_messages_of_match_name_the_readers_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    plug_in()
+    for folder in ("old", "new"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "old" / "t.obj").write_text(OBJ + "f 1 2 99\n")
+    (tmp_path / "new" / "t.obj").write_text(OBJ)
+    (tmp_path / "line.xyz").write_text("".join(f"{x} 0 0\n" for x in range(40)))
+    few = ["--set", "stages.normalize.count=64", "--set", "stages.render.rings.count=1"]
+    for files in (["old/t.obj", "new/t.obj"], ["new/t.obj", "old/t.obj"]):
+        said = str(CliRunner().invoke(app, ["match", *files, *few]).exception)
+        assert said.startswith("ValueError: old/t.obj: line ") and "given" not in said and said.count("t.obj") == 1
+    said = str(CliRunner().invoke(app, ["match", "new/t.obj", "line.xyz", "--method", "smooth", *few]).exception)
+    assert "line.xyz: " in said and "second shape" not in said and "given" not in said
+    with pytest.raises(RuntimeError, match=r"^ValueError: b: expected at least 2 distinct points"):
+        b23d.match(tmp_path / "new" / "t.obj", np.zeros((5, 3)), store="store")
 
 
 def test_options_of_match_are_named_and_no_run_file_that_nobody_wrote(tmp_path: Path) -> None:

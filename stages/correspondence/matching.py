@@ -42,14 +42,14 @@ def correspond(first: FeaturedSurface, second: FeaturedSurface, method: Method) 
     found = guesses(alike, here, there)
     if method == "consistent":
         return found[0][1]
-    waves = _waves("the first shape", first), _waves("the second shape", second)
+    waves = _waves(first.name or "the first shape", first), _waves(second.name or "the second shape", second)
     smooth = [refined(guess, *waves) for _, guess in found]
     at = landmarks(here)
     return min(smooth, key=lambda matched: cost(matched, at, alike, here, there))
 
 
-def _waves(which: str, shape: FeaturedSurface) -> np.ndarray:
+def _waves(name: str, shape: FeaturedSurface) -> np.ndarray:
     try:
         return eigenfunctions(shape.points)
     except ValueError as error:
-        raise ValueError(f'{which}: {error}, or take method "consistent"') from error
+        raise ValueError(f'{name}: {error}, or take method "consistent"') from error

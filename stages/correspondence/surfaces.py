@@ -17,6 +17,8 @@ class FeaturedSurface:
     """(n, channel)."""
     distances: np.ndarray
     """(n, n) along the surface; +inf where no path joins two."""
+    name: str = ""
+    """For messages; "": the first, or the second."""
 
     def reach(self) -> np.ndarray:
         """(n, n) float32 distances; where no path joins two, the largest there is."""

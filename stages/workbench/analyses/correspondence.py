@@ -90,7 +90,7 @@ def _read(entry: ShapeResults) -> tuple[FeaturedSurface, np.ndarray]:
             f"{entry.shape.name}: expected features and distances, got none; see what failed with b23d run"
         )
     points, distances = entry.normalized.points.astype(np.float64), entry.distances.distances
-    return FeaturedSurface(points, entry.features.features, distances), entry.features.observed
+    return FeaturedSurface(points, entry.features.features, distances, entry.shape.name), entry.features.observed
 
 
 def _figure(found: MatchErrors) -> go.Figure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from b23d.pipeline.runfile.config import load_config
 from b23d.schemas.features import GeodesicDistances, PointFeatures
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.given import CATEGORY, GivenShapes
+from b23d.stages.workbench.api.arguments import encoder_of, places_of, store_of, texts_of
 
 RUN_FILE = Path(__file__).with_name("given.toml")
 NEIGHBOURS = 4
@@ -34,7 +36,9 @@ class DescribedShape:
     def at(self, points: np.ndarray) -> np.ndarray:
         """(n, channel) float32 at places (n, 3) of the unit frame, by inverse distance from the nearest candidates."""
         distance, near = cKDTree(self.shape.points).query(points, k=min(NEIGHBOURS, len(self.shape.points)))
-        distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+        distance, near = (
+            np.reshape(found, (len(points), -1 if len(points) else NEIGHBOURS)) for found in (distance, near)
+        )
         weights = 1 / np.maximum(distance, 1e-9)
         weights /= weights.sum(axis=1, keepdims=True)
         values = self.features.features.astype(np.float32)
@@ -63,8 +67,9 @@ def features(
     the run file's would be, and interpolated. Raises FileNotFoundError, ValueError or TypeError where `mesh` is no
     shape or an option is not what it should be, and RuntimeError with the stage's own message where a stage fails.
     """
+    wanted = None if points is None else places_of(points)
     (described,) = describe({"mesh": mesh}, encoder, overrides, store)
-    where = described.shape.vertices if points is None else described.shape.to_unit(np.asarray(points, np.float64))
+    where = described.shape.vertices if wanted is None else described.shape.to_unit(wanted)
     return described.at(where)
 
 
@@ -77,11 +82,11 @@ def describe(
 ) -> list[DescribedShape]:
     """Shapes with their descriptors (and mutual distances), of what `GivenShapes.of` takes; made where need be. Raises
     as `features`."""
-    wanted = ['outputs=["reweight", "geodesic"]'] if distances else []
-    run = given_run(things, encoder, [*wanted, *overrides], store)
+    asked = ['outputs=["reweight", "geodesic"]'] if distances else []
+    run = given_run(things, encoder, [*asked, *with_encoder(overrides, None)], store)
     report = run.execute(workers=0)
     if report.failures:
-        raise RuntimeError("\n".join(failure.error for failure in report.failures))
+        raise RuntimeError("\n".join(_by_file(failure.error, things) for failure in report.failures))
     found = []
     for name in things:
         shape = run.artifact(f"{CATEGORY}/{name}", "normalize")
@@ -89,6 +94,18 @@ def describe(
         assert isinstance(shape, NormalizedShape) and isinstance(made, PointFeatures)
         found.append(DescribedShape(shape, made, _distances(run, f"{CATEGORY}/{name}") if distances else None))
     return found
+
+
+def _by_file(message: str, things: dict[str, Any]) -> str:
+    """A stage's message that names the file as it was given, or else the argument."""
+    for name, thing in things.items():
+        path = Path(thing) if isinstance(thing, str | Path) else None
+        beside = rf"(?:: {re.escape(path.name)}(?=: ))?" if path is not None else ""  # the reader's own name for it
+        own = str(thing) if path is not None else name
+        message = re.sub(rf"(?<![\w/]){CATEGORY}/{re.escape(name)}(?!\w){beside}", lambda _: own, message)  # noqa: B023
+        if path is not None and own in message:  # named already
+            message = message.replace(f" in {path.name}, got", ", got")
+    return message
 
 
 def _distances(run: Run, name: str) -> np.ndarray:
@@ -99,7 +116,8 @@ def _distances(run: Run, name: str) -> np.ndarray:
 
 def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[str], store: str | None) -> Run:
     """The run over shapes that were handed over; its record lies beside the store's own files."""
-    chosen = [*overrides, *([f"stages.extract.encoder={encoder}"] if encoder is not None else [])]
+    chosen = with_encoder(overrides, encoder)
+    store = store_of(store)
     try:
         config = load_config(RUN_FILE, chosen)
     except RunFileError as error:  # nobody has written this run file: what was asked for is at fault
@@ -108,6 +126,12 @@ def given_run(things: dict[str, Any], encoder: str | None, overrides: Iterable[s
     run = Run(replace(config, dataset=GivenShapes.of(**things)), store_place(store))
     run.folder = Path(run.store.root if run.store.local else Path.cwd()) / ".given"
     return run
+
+
+def with_encoder(overrides: Iterable[str], encoder: str | None) -> list[str]:
+    """Overrides, and the encoder's. Raises TypeError where they are no texts."""
+    named = texts_of("overrides", overrides, 'overrides=["stages.render.rings.count=3"]')
+    return [*named, *([f"stages.extract.encoder={encoder}"] if encoder_of(encoder) is not None else [])]
 
 
 def store_place(store: str | None) -> str:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from b23d.schemas.wording import counted
 from b23d.stages.datasets.survey import survey
-from b23d.stages.workbench.api.features import store_place
-from b23d.stages.workbench.api.run import load
+from b23d.stages.workbench.api.arguments import Shots, path_of, shots_of, store_of, workers_of
+from b23d.stages.workbench.api.features import store_place, with_encoder
+from b23d.stages.workbench.api.run import LoadedRun, load
 from b23d.stages.workbench.results.keypoints import keypoint_table
 from b23d.stages.workbench.results.run_file_text import run_file_text, run_name
 
@@ -35,11 +36,16 @@ def keypoints(
     Other arguments: as `b23d.features`, and `workers` as `Run.execute`. Raises FileNotFoundError or ValueError where
     the folder cannot be used, RuntimeError where no shape was predicted.
     """
-    path = Path(folder).expanduser()
-    chosen = [*overrides, *([f"stages.extract.encoder={encoder}"] if encoder is not None else [])]
+    path = path_of("folder", folder, "a folder of shapes, or a run file").expanduser()
+    chosen, store, workers, shown = (
+        with_encoder(overrides, encoder),
+        store_of(store),
+        workers_of(workers),
+        shots_of(shots),
+    )
     file = path if path.is_file() else _run_file(path, store)
     place = None if path.is_file() and store is None else store_place(store)
-    run = load(file, *chosen, *_shots(shots, file), store=place)
+    run: LoadedRun = load(file, *chosen, *_overrides(shown, file), store=place)
     report = run.execute(workers)
     table = keypoint_table(run).table
     if not len(table):
@@ -63,17 +69,19 @@ def _run_file(folder: Path, store: str | None) -> Path:
     return path
 
 
-def _shots(shots: int | Iterable[str] | Mapping[str, Iterable[str]] | None, file: Path) -> list[str]:
+def _overrides(shots: Shots, file: Path) -> list[str]:
     """As overrides of the run file."""
     if shots is None:
         return []
     if isinstance(shots, int):
         return [f"shots.count={shots}"]
-    if not isinstance(shots, Mapping):
-        classes = {shape.category for shape in load(file).shapes}
+    classes = {shape.category for shape in load(file).shapes}
+    if not isinstance(shots, dict):
         if len(classes) > 1:
             raise ValueError(
                 f"shots: expected class → ids for {counted(len(classes), 'class')}, got ids alone; give a dict"
             )
         shots = {next(iter(classes)): shots}
-    return [f"shots.ids={json.dumps({name: list(ids) for name, ids in shots.items()})}"]
+    if unknown := sorted(shots.keys() - classes):
+        raise ValueError(f"shots: expected classes among {', '.join(sorted(classes))}, got {', '.join(unknown)}")
+    return [f"shots.ids={json.dumps(shots)}"]

@@ -12,6 +12,7 @@ import numpy as np
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.correspondence.matching import Method, check_method, correspond
 from b23d.stages.correspondence.surfaces import FeaturedSurface, centred, unit
+from b23d.stages.workbench.api.arguments import path_of
 from b23d.stages.workbench.api.features import DescribedShape, describe
 from b23d.stages.workbench.pictures.frames import in_frame, sampled
 from b23d.stages.workbench.pictures.solids import SceneObject, write_glb, write_ply
@@ -50,7 +51,7 @@ class Match:
     def write(self, path: str | Path) -> None:
         """a with b's colours as .ply (with the scalars `similarity`, `bx`, `by`, `bz`) or .glb. Raises ValueError for
         another suffix."""
-        path = Path(path)
+        path = path_of("path", path, "a file of .ply or .glb")
         suffix = path.suffix.lower()
         if suffix not in (".ply", ".glb"):
             raise ValueError(f"match: expected a file of .ply or .glb, got {path.name!r}; change its name")
@@ -85,7 +86,8 @@ def match(
     check_method(method)
     first, second = describe({"a": a, "b": b}, encoder, overrides, store, distances=method != "nearest")
     own = candidate_colors(second.shape)
-    nearest, similarity = alike(first, second) if method == "nearest" else carried(first, second, method)
+    names = tuple(str(thing) if isinstance(thing, str | Path) else name for name, thing in (("a", a), ("b", b)))
+    nearest, similarity = alike(first, second) if method == "nearest" else carried(first, second, method, names)
     points = in_frame(second.shape.points[nearest], second.shape, "file")
     return Match(first.shape, second.shape, points, similarity, own[nearest], own)
 
@@ -104,20 +106,25 @@ def alike(a: DescribedShape, b: DescribedShape) -> tuple[np.ndarray, np.ndarray]
     return nearest, similarity
 
 
-def carried(a: DescribedShape, b: DescribedShape, method: Method) -> tuple[np.ndarray, np.ndarray]:
-    """(v,) the candidate of b that the candidate of a nearest to each vertex corresponds to, and their cosine."""
+def carried(
+    a: DescribedShape, b: DescribedShape, method: Method, names: tuple[str, ...] = ("a", "b")
+) -> tuple[np.ndarray, np.ndarray]:
+    """(v,) the candidate of b that the candidate of a nearest to each vertex corresponds to, and their cosine.
+
+    `names`: of a and b, for messages.
+    """
     from scipy.spatial import cKDTree
 
-    matched = correspond(_surface(a), _surface(b), method)
+    matched = correspond(_surface(a, names[0]), _surface(b, names[1]), method)
     theirs = centred(b.features.features)[matched]
     similarity = (centred(a.features.features) * theirs).sum(axis=1)
     at = cKDTree(a.shape.points).query(a.shape.vertices)[1]
     return matched[at], similarity[at]
 
 
-def _surface(described: DescribedShape) -> FeaturedSurface:
+def _surface(described: DescribedShape, name: str) -> FeaturedSurface:
     assert described.distances is not None
-    return FeaturedSurface(described.shape.points, described.features.features, described.distances)
+    return FeaturedSurface(described.shape.points, described.features.features, described.distances, name)
 
 
 def candidate_colors(shape: NormalizedShape) -> np.ndarray:

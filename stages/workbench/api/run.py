@@ -21,6 +21,7 @@ from b23d.pipeline.run import Report, Run
 from b23d.pipeline.runfile.config import load_config
 from b23d.pipeline.scheduling.tasks import Outcome, Task
 from b23d.schemas.wording import counted
+from b23d.stages.workbench.api.arguments import path_of, store_of, texts_of, workers_of
 from b23d.stages.workbench.api.guard import unguarded_script
 from b23d.stages.workbench.api.progress import NotebookProgress, in_notebook
 
@@ -45,6 +46,7 @@ class LoadedRun(Run):
         A script without `if __name__ == "__main__":` runs everything in its own process, since every worker process
         would run the script again; where workers are asked for, RuntimeError says so.
         """
+        workers = workers_of(workers)
         if not scheduler and workers != 0 and (script := unguarded_script()) is not None:
             advice = 'put its code under `if __name__ == "__main__":`'
             if workers is not None:
@@ -115,9 +117,16 @@ class LoadedRun(Run):
         """The shape with its features' PCA colours, predicted and annotated keypoints."""
         from b23d.stages.workbench.pictures.figures import plot_shape
 
+        if draw is not None:
+            self.node(shape, "optimize", draw)  # says which there are
         return plot_shape(self, shape, draw)
 
 
 def load(path: str | Path, *overrides: str, store: str | None = None) -> LoadedRun:
-    """A run file with overrides (`"stages.optimize.method=discrete"`), ready to plan and execute."""
-    return LoadedRun(load_config(path, overrides), store)
+    """A run file with overrides (`"stages.optimize.method=discrete"`), ready to plan and execute.
+
+    Raises TypeError where an argument is of no such kind, FileNotFoundError or RunFileError (a ValueError) where the
+    run file, or an override, does not say what it should.
+    """
+    named = texts_of("overrides", overrides, "load(path, 'shots.count=5', 'shots.draws=[0]')")
+    return LoadedRun(load_config(path_of("path", path, "a run file"), named), store_of(store))

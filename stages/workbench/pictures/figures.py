@@ -82,8 +82,8 @@ def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
     from b23d.stages.workbench.results.gathering import Gathering
 
     named = {item.name: item for item in run.shapes}
-    if shape not in named:
-        close = next((name for name in named if shape in name), run.shapes[0].name)
+    if not isinstance(shape, str) or shape not in named:
+        close = next((name for name in named if str(shape) in name), run.shapes[0].name)
         raise KeyError(f"shape: expected one of run {run.name}, got {shape!r}; did you mean {close!r}?")
     entry = Gathering(run).entry(named[shape])
     if entry.normalized is None:
