@@ -116,7 +116,8 @@ class Dataset(Params):
         return {category}
 
     def unannotated(self) -> str:
-        """What to tell where no shape is annotated: where annotations are looked for, and what lies elsewhere."""
+        """What to tell where no shape is annotated: where annotations are looked for, and what lies elsewhere; "" where
+        shapes' errors tell it already."""
         return "annotations: expected some, got none; annotate shapes, or ask for stages that need none in `outputs`"
 
     def covers(self, path: Path) -> bool:

@@ -97,6 +97,8 @@ def told(error: BaseException) -> str:
 
 def naming(shape: str, message: str) -> str:
     """The message, with the shape's name before it unless it is in it as a word of its own: shape `1` is not named by
-    "expected 1 mesh", nor `box/b1` by "box/b10" or "/data/box/b1.obj"."""
+    "expected 1 mesh", nor `box/b1` by "box/b10" or "/data/box/b1.obj". One that is a file
+    (`box/keypoints.json`) is named by the file's whole path, too."""
     named = re.search(rf"(?<![\w./\\-]){re.escape(shape)}(?![\w./\\-])", message)
-    return message if named else f"{shape}: {message}"
+    path = re.match(rf"[^:]*[/\\]{re.escape(shape.rpartition('/')[2])}: ", message)
+    return message if named or path else f"{shape}: {message}"

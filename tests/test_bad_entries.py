@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import b23d
+from b23d.pipeline.run import Run
 from b23d.stages.datasets.annotations import AnnotationFile
 from b23d.stages.datasets.folder import Folder
 from b23d.stages.datasets.keypointnet import KeypointNet
@@ -17,6 +19,7 @@ from b23d.stages.datasets.shapenetpart import ShapeNetPart
 from b23d.stages.datasets.walking import walk
 from b23d.stages.geometry.loading import load
 from tests.made_datasets import PCD, PLY_MESH, by_name, entry, put
+from tests.small_runs import make_boxes
 
 
 def spoil(folder: Path, suffix: str) -> None:
@@ -146,6 +149,25 @@ def test_a_broken_annotation_file_of_a_folder_costs_no_shape(tmp_path: Path) -> 
         "keypoints.json entry 0",
         "keypoints.json entry 1",
     }
+
+
+@pytest.mark.parametrize("text", ["{bad", "{}", "[3]", '"x"', None])
+def test_a_bad_annotation_file_is_one_failure_that_says_its_path_once(tmp_path: Path, text: str | None) -> None:
+    path = make_boxes(tmp_path, 2)
+    file = tmp_path / "shapes" / "keypoints.json"
+    file.unlink()
+    if text is None:
+        file.mkdir()
+    else:
+        file.write_text(text)
+    (problem,) = Run.load(path).plan().problems
+    assert problem.error.count("keypoints.json") == 1 and problem.error.startswith(str(file)), problem.error
+    assert "annotate shapes" not in problem.error
+    with pytest.raises(ValueError, match=r"keypoints\.json.*: expected (JSON|a list|an object|a file)"):
+        b23d.keypoints(tmp_path / "shapes", store=str(tmp_path / "store"))
+    file.rmdir() if text is None else file.write_text("[]")
+    (problem,) = Run.load(path).plan().problems
+    assert "annotate shapes" in problem.error, "where nothing is wrong with the file"
 
 
 def test_links_are_followed_once_and_never_back(tmp_path: Path) -> None:

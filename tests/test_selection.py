@@ -69,10 +69,15 @@ def test_shots_are_missed_by_what_needs_them_alone(tmp_path: Path, annotated: in
     file = tmp_path / "shapes" / "keypoints.json"
     file.write_text(json.dumps(json.loads(file.read_text())[:annotated]))
     run = Run.load(path)
-    for stage in ("normalize", "reweight", "geodesic", "annotation"):
+    for stage in ("normalize", "reweight", "geodesic", *["annotation"] * annotated):
         for selection in (Selection(until=stage), Selection(stages=(stage,))):
             assert not run.plan(selection).problems, stage
-    for selection in (Selection(), Selection(until="learn"), Selection(stages=("normalize", "score"))):
+    for selection in (
+        Selection(),
+        Selection(until="learn"),
+        Selection(stages=("normalize", "score")),
+        *[Selection(until="annotation")] * (not annotated),  # there is nothing to check
+    ):
         (problem,) = run.plan(selection).problems
         assert "annotat" in problem.error
     assert run.plan(Selection(until="normalize")).draws == run.plan().draws, "draws are what they are"

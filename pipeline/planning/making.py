@@ -137,8 +137,9 @@ def _problems(shapes: list[Shape], draws: list[Draw], planner: Planner, stages: 
     ]
     leaves = planner.shot_leaves(stages)
     told = draw_problems(shapes, planner.config.file.shots, draws, leaves)
-    if leaves and not any(leaves & shape.leaves.keys() for shape in shapes):
-        told[planner.config.dataset.unannotated()] = True
+    checked = {planner.config.stages[name].checks for name in stages} & planner.shot_leaves()
+    if (wanted := leaves | checked) and not any(wanted & shape.leaves.keys() for shape in shapes):
+        told |= {said: True for said in [planner.config.dataset.unannotated()] if said}
     undrawn = [
         Failure(SHOTS if mistaken else "draw", one.split(":")[0], MISSING, f"ValueError: {one}", True)
         for one, mistaken in told.items()

@@ -33,7 +33,7 @@ MARKS = (b'"model_id"', b'"keypoints"')
 """What the beginning of every annotation file holds."""
 BEGINNING = 1 << 16
 
-__all__ = ["MEND", "AnnotationFile", "load_keypoints", "looks_annotated", "repeated"]
+__all__ = ["MEND", "AnnotationFile", "load_keypoints", "looks_annotated", "readable", "repeated"]
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class AnnotationFile:
             raise ValueError(f"{path}: expected a list of entries, got {type(listed).__name__}; {MEND}")
         fine = {i: isinstance(e, dict) and _is_name(e.get("model_id")) for i, e in enumerate(listed)}
         malformed = {
-            i: f"{path}: expected entry {i} to be an object with a string `model_id`, got {str(listed[i])[:80]}; {MEND}"
+            i: f"{path} entry {i}: expected an object with a string `model_id`, got {str(listed[i])[:80]}; {MEND}"
             for i, good in fine.items()
             if not good
         }
@@ -111,6 +111,19 @@ def _parse(data: bytes) -> Any:
         return json.loads(data, parse_constant=str)
     except RecursionError as error:
         raise ValueError("lists or objects nested too deep") from error
+    except json.JSONDecodeError as error:
+        said = f"{error.msg[:1].lower()}{error.msg[1:]}"
+        raise ValueError(f"a mistake in line {error.lineno}, column {error.colno} ({said})") from error
+
+
+def readable(path: Path) -> bool:
+    """Whether a file is there and holds entries, or is there and has none at all; False where something is wrong with
+    it, which is told as it is read."""
+    try:
+        file = AnnotationFile.read(path)
+    except (OSError, ValueError):
+        return False
+    return bool(file.entries) or not file.malformed
 
 
 def repeated(names: Iterable[str]) -> set[str]:

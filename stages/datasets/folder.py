@@ -21,7 +21,7 @@ from pydantic import Field
 
 from b23d.pipeline.dataset import Leaf, Shape, dataset, is_export
 from b23d.pipeline.errors import reason
-from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated
+from b23d.stages.datasets.annotations import AnnotationFile, looks_annotated, readable
 from b23d.stages.datasets.damage import WithDamage
 from b23d.stages.datasets.external import WithExternals
 from b23d.stages.datasets.files import IMAGES, Companions, has_faces, uncollected
@@ -105,6 +105,8 @@ class Folder(WithDamage, WithExternals):
         return ""
 
     def unannotated(self) -> str:
+        if os.path.lexists(self.annotation_file()) and not readable(self.annotation_file()):
+            return ""  # what is wrong with it is told already
         looked = f"annotations: expected keypoints in {self.annotation_file()}, got "
         if not self.annotation_file().is_file():
             near = [str(self.root.parent / "keypoints.json"), *walk(self.root).files]
@@ -170,7 +172,7 @@ class Folder(WithDamage, WithExternals):
         needed = {place.split("/")[0] for place in listing.files.values() if place.lower().endswith(BESIDE)}
         with os.scandir(self.root) as entries:
             folders = [e.name for e in entries if not hidden(e.name) and e.is_dir() and encodable(e.name)]
-        return sorted({*folders} - {*categories} - needed - {*listing.closed})
+        return sorted({*folders} - {*categories} - needed - {*listing.closed, self.annotation_file().name})
 
     def _roles(self, name: str, paths: list[str]) -> dict[str, str]:
         clouds = [path for path in paths if path.lower().endswith(CLOUD_SUFFIXES)]

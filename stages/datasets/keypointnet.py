@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from b23d.pipeline.dataset import Shape, dataset
-from b23d.stages.datasets.annotations import MEND, AnnotationFile, repeated
+from b23d.stages.datasets.annotations import MEND, AnnotationFile, readable, repeated
 from b23d.stages.datasets.damage import WithDamage
 from b23d.stages.datasets.external import Externals, WithExternals
 from b23d.stages.datasets.files import uncollected
@@ -68,6 +68,11 @@ class KeypointNet(WithDamage, WithExternals):
 
     def annotation_file(self, category: str) -> Path:
         return self.root / "annotations" / f"{category}.json"
+
+    def unannotated(self) -> str:
+        """As everywhere; "" where annotation files cannot be read, which is told of each."""
+        files = [self.annotation_file(name) for name in self.classes or {shape.category for shape in self.shapes()}]
+        return super().unannotated() if all(map(readable, files)) else ""
 
     def annotations_kept(self) -> str:
         return "its annotations are a published benchmark, and figures on changed ones cannot be compared"

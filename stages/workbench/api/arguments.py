@@ -71,11 +71,11 @@ def workers_of(value: Any) -> int | None:
     return value
 
 
-Shots = int | list[str] | dict[str, list[str]] | None
+ShotChoice = int | list[str] | dict[str, list[str]] | None
 """How many; ids of the only class; class → ids; as the run file says."""
 
 
-def shots_of(value: Any) -> Shots:
+def shots_of(value: Any) -> ShotChoice:
     """What `b23d.keypoints` takes for shots. Raises TypeError or ValueError where it is none of these."""
     example = '["bench", "stool"], or {"chairs": ["bench", "stool"]}'
     if value is None:

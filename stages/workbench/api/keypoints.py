@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from b23d.schemas.wording import counted
+from b23d.stages.datasets.folder import Folder
 from b23d.stages.datasets.survey import survey
-from b23d.stages.workbench.api.arguments import Shots, path_of, shots_of, store_of, workers_of
+from b23d.stages.workbench.api.arguments import ShotChoice, path_of, shots_of, store_of, workers_of
 from b23d.stages.workbench.api.features import store_place, with_encoder
 from b23d.stages.workbench.api.run import LoadedRun, load
 from b23d.stages.workbench.results.keypoints import keypoint_table
@@ -57,6 +58,9 @@ def _run_file(folder: Path, store: str | None) -> Path:
     """The run file of a folder, as `b23d init` would write it; in `.given` of a local store, so that `b23d gc` knows
     it, else beside the folder."""
     found = survey(folder)
+    if not found.annotated and not Folder(root=folder).unannotated():
+        shapes = Folder(root=folder).shapes()
+        raise ValueError("\n".join(s.error for s in shapes if s.error and s.id.startswith("keypoints.json")))
     if not found.annotated:
         raise ValueError(
             f"{folder}: expected annotated shapes, got {found.shapes} without; b23d init and b23d annotate make them"
@@ -69,7 +73,7 @@ def _run_file(folder: Path, store: str | None) -> Path:
     return path
 
 
-def _overrides(shots: Shots, file: Path) -> list[str]:
+def _overrides(shots: ShotChoice, file: Path) -> list[str]:
     """As overrides of the run file."""
     if shots is None:
         return []
