@@ -25,7 +25,8 @@ class Prediction(Artifact):
     confidence: Annotated[np.ndarray, ArraySpec("k", "float32", unit="0 … 1")] | None = None
     """Needing no annotation. Of the posterior method: the probability that the target has the keypoint, and has it
     within .05 of this place along the surface (longest side 1), by a map that shots held out of the others' model have
-    helped to fit. Of a trained head: its probability. None for methods that give none."""
+    helped to fit; it presumes that the target is of the shots' class (see `class_confidence`). Of a trained head: its
+    probability. None for methods that give none."""
     class_confidence: float | None = None
     """Probability that the target is of the shots' class, by what it looks like as a whole and where it has surface;
     None where a single shot, or copies of one, cannot tell, and from stages that do not judge it."""

@@ -40,7 +40,8 @@ def keypoints(
     store: StoreUrl = None,
 ) -> None:
     """One row a keypoint: class, shape, id, name, x y z in the file's own coordinates, nearest vertex, face and
-    barycentrics, confidence, present, and how sure its shape is of the class."""
+    barycentrics, confidence (presuming that the shape is of its class), present, and of_class, the probability that it
+    is."""
     from b23d.pipeline.inspection.artifact import passed_over
     from b23d.stages.workbench.commands.table_files import check_suffix, write_table
     from b23d.stages.workbench.results.keypoints import keypoint_table
@@ -79,8 +80,8 @@ def keypoints(
 
 
 def notes(found: FoundKeypoints, asked: bool) -> list[str]:
-    """Which draws these are, and what is not there."""
-    lines = []
+    """Which draws these are, what is not there, and why."""
+    lines = list(found.untold)
     for category, seeds in found.draws.items():
         others = [seed for seed in found.others.get(category, []) if not asked]
         if others:

@@ -53,7 +53,7 @@ def _points(table: pd.DataFrame) -> SceneObject:
     scalars = {
         "id": ids.astype(np.float32),
         "present": table["present"].to_numpy(np.float32),
-        "confidence": table["confidence"].to_numpy(np.float32, na_value=np.nan),
+        **{name: table[name].to_numpy(np.float32, na_value=np.nan) for name in ("confidence", "of_class")},
     }
     return SceneObject("keypoints", table[["x", "y", "z"]].to_numpy(np.float64), colors, scalars=scalars)
 

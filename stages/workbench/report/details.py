@@ -113,6 +113,7 @@ def _attempt(entry: ShapeResults, attempt: Attempt) -> dict[str, Any]:
         "draw": attempt.draw,
         "method": prediction.method,
         "objective": _rounded(prediction.objective),
+        "ofClass": None if prediction.class_confidence is None else _rounded(prediction.class_confidence),
         "keypoints": keypoints,
         "iou": None if score is None else [_rounded(value) for value in iou(score)],
     }

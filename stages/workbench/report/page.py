@@ -25,6 +25,7 @@ from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
 from b23d.stages.workbench.results.columns import STRANGE, mean, shown_columns
 from b23d.stages.workbench.results.gathering import Quarantined
 from b23d.stages.workbench.results.summary import costs, dataset_fields, origins, settings
+from b23d.stages.workbench.results.untold import Told, untold
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -74,6 +75,7 @@ def render_page(
             table=score_lines(table) if table else None,
             paper_source=B2_3D.source,
             reliability=reliability_lines(judged),
+            untold=untold(run, _told(rows)),
             examples=examples,
             classes=sorted({row["category"] for row in rows}),
             failures=failures,
@@ -135,7 +137,7 @@ def cards(
     sure = mean(row["confidence"] for row in rows)
     if sure is not None:
         found.append(
-            {"label": "confidence", "value": _figure(sure, 2), "note": "mean over shapes; needs no annotation"}
+            {"label": "confidence", "value": _figure(sure, 2), "note": "mean over shapes, presuming their class"}
         )
     strange = sum(row["of_class"] is not None and row["of_class"] < STRANGE for row in rows)
     if strange:
@@ -268,6 +270,16 @@ def _draws(plan: Plan) -> list[dict[str, Any]]:
         {"category": d.category, "seed": d.seed, "error": d.error, "shots": [shot.id for shot in d.shots]}
         for d in plan.draws
     ]
+
+
+def _told(rows: list[dict[str, Any]]) -> dict[str, Told]:
+    """Class → what its predictions tell."""
+    classes: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        if row["predicted"] is not None:
+            classes.setdefault(row["category"], []).append(row)
+    keys = ("confidence", "of_class")
+    return {name: Told(*(any(row[key] is not None for row in own) for key in keys)) for name, own in classes.items()}
 
 
 def _curves(table: ScoreTable) -> str:

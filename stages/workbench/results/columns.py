@@ -121,7 +121,8 @@ COLUMNS = (
     Column(
         "confidence",
         "confidence",
-        "how sure the method is of the keypoints judged present, needing no annotation: mean over keypoints and draws",
+        "how sure the method is of the keypoints judged present, presuming that the shape is of its class: mean over "
+        "keypoints and draws; needs no annotation, posterior and trained heads tell it",
         _confidence,
         "figure2",
         bar=True,
@@ -144,7 +145,8 @@ COLUMNS = (
     Column(
         "of_class",
         "of class",
-        "probability that the shape is of the shots' class at all: below .5 it may be a stranger in its folder",
+        "probability that the shape is of the shots' class at all: below .5 it may be a stranger in its folder, and "
+        "its confidence means little; one shot cannot tell",
         _of_class,
         "figure2",
         bar=True,

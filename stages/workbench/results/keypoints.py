@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from b23d.pipeline.dataset import Shape
@@ -17,6 +17,7 @@ from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.workbench.results.columns import STRANGE
 from b23d.stages.workbench.results.placing import Placer
+from b23d.stages.workbench.results.untold import Told, untold
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +55,8 @@ class FoundKeypoints:
     """Class → draws that could be asked for besides."""
     waiting: int
     """Shapes that were chosen and have no prediction yet."""
+    untold: list[str] = field(default_factory=list)
+    """Which of `confidence` and `of_class` no row of some class has, and why."""
 
     def strangers(self) -> list[str]:
         """Names of shapes that are more probably not of their class, by the mean over draws."""
@@ -76,8 +79,11 @@ def keypoint_table(
     file's order. face, b0, b1, b2: the face it lies on and where, by barycentric coordinates of its three corners;
     counted from 0 among the file's triangles, polygons cut into theirs in place. Both are absent (NA) where the
     surface is not the file's (`stages.normalize.watertight`), faces for clouds as well.
-    confidence: 0 … 1, NA where the method has none. present: False where the id is judged absent from this shape.
-    of_class: the probability that the shape is of its shots' class at all, the same in all its rows; NA where untold.
+    confidence: 0 … 1, presuming that the shape is of its class; NA where the method has none (only `posterior` and
+    trained heads tell it). present: False where the id is judged absent from this shape.
+    of_class: the probability that the shape is of its shots' class at all, the same in all its rows: where it is low,
+    confidence means little. NA with a single shot or copies of one, which cannot tell, and where another stage than
+    `optimize` predicts. `untold` says which and why.
 
     Raises SelectionError where `selection` names what is not there.
     """
@@ -105,7 +111,12 @@ def keypoint_table(
         watch(done, len(chosen))
     shown = {name: sorted(seeds) for name, seeds in used.items()}
     others = {name: [seed for seed in kept[name] if seed not in seeds] for name, seeds in shown.items()}
-    return FoundKeypoints(_frame(rows), shown, alike, others, waiting)
+    frame = _frame(rows)
+    told = {
+        str(name): Told(bool(each["confidence"].notna().any()), bool(each["of_class"].notna().any()))
+        for name, each in frame.groupby("class", sort=True)
+    }
+    return FoundKeypoints(frame, shown, alike, others, waiting, untold(run, told))
 
 
 def _draws(plan: Plan, wanted: Iterable[int] | None) -> tuple[dict[str, list[int]], dict[str, list[int]]]:

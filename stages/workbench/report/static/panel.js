@@ -10,6 +10,7 @@
     if (row.auc != null) facts.push(`AUC ${row.auc.toFixed(3)}`);
     if (row.iou10 != null) facts.push(`IoU .10 ${row.iou10.toFixed(2)}`);
     if (row.confidence != null) facts.push(`confidence ${row.confidence.toFixed(2)}`);
+    if (row.of_class != null) facts.push(`of class ${row.of_class.toFixed(2)}`);
     if (row.shot.length) facts.push(`shot in draw ${row.shot.join(", ")}`);
     return facts.join(" · ");
   }
@@ -54,6 +55,8 @@
     const truth = new Set(shape.truth.map((k) => k.id)), found = new Set(attempt ? attempt.keypoints.map((k) => k.id) : []);
     const lines = attempt ? attempt.keypoints.map((k) => [k.id, k.present ? (truth.has(k.id) ? "" : "not annotated") : "judged absent", k.error, k.confidence, k.cost]) : [];
     for (const k of shape.truth) if (!found.has(k.id)) lines.push([k.id, attempt ? "not predicted" : "annotated", null, null, null]);
+    const ofClass = attempt?.ofClass ?? null;
+    part("of-class").textContent = ofClass == null ? "" : `of class ${ofClass.toFixed(2)}${ofClass < 0.5 ? ": it may be none of them, and sure means little" : ""}`;
     part("keypoints").replaceChildren(...lines.map(([id, note, error, confidence, cost]) => {
       const line = document.createElement("tr");
       const color = id < 0 ? "#808080" : b23d.data.idColors[id % b23d.data.idColors.length];
