@@ -14,7 +14,7 @@ from b23d.stages.workbench.report import details, page
 from b23d.stages.workbench.results.gathering import Gathering
 from b23d.stages.workbench.results.keypoints import keypoint_table
 from b23d.stages.workbench.results.scores import run_scores
-from b23d.stages.workbench.results.untold import Told, untold
+from b23d.stages.workbench.results.untold import Known, untold
 from tests.report_runs import mixed
 from tests.small_runs import b23d, make_boxes
 
@@ -51,9 +51,9 @@ def test_what_is_empty_is_explained_where_it_is_listed(tmp_path: Path) -> None:
 
 def test_nothing_is_explained_that_is_told(tmp_path: Path) -> None:
     run = mixed()
-    assert untold(run, {"a": Told(True, True)}) == [] and untold(run, {}) == []
+    assert untold(run, {"a": Known(True, True)}) == [] and untold(run, {}) == []
     assert [
-        line.partition(" is empty")[0] for line in untold(run, {"a": Told(True, True), "b": Told(True, False)})
+        line.partition(" is empty")[0] for line in untold(run, {"a": Known(True, True), "b": Known(True, False)})
     ] == ["of_class of b"]
 
 

@@ -25,7 +25,7 @@ from b23d.stages.workbench.pictures.palette import IDS, class_color, id_color
 from b23d.stages.workbench.results.columns import STRANGE, mean, shown_columns
 from b23d.stages.workbench.results.gathering import Quarantined
 from b23d.stages.workbench.results.summary import costs, dataset_fields, origins, settings
-from b23d.stages.workbench.results.untold import Told, untold
+from b23d.stages.workbench.results.untold import Known, untold
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -272,14 +272,14 @@ def _draws(plan: Plan) -> list[dict[str, Any]]:
     ]
 
 
-def _told(rows: list[dict[str, Any]]) -> dict[str, Told]:
+def _told(rows: list[dict[str, Any]]) -> dict[str, Known]:
     """Class → what its predictions tell."""
     classes: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         if row["predicted"] is not None:
             classes.setdefault(row["category"], []).append(row)
     keys = ("confidence", "of_class")
-    return {name: Told(*(any(row[key] is not None for row in own) for key in keys)) for name, own in classes.items()}
+    return {name: Known(*(any(row[key] is not None for row in own) for key in keys)) for name, own in classes.items()}
 
 
 def _curves(table: ScoreTable) -> str:

@@ -17,7 +17,7 @@ from b23d.schemas.shape import NormalizedShape
 from b23d.stages.datasets.names import keypoint_names
 from b23d.stages.workbench.results.columns import STRANGE
 from b23d.stages.workbench.results.placing import Placer
-from b23d.stages.workbench.results.untold import Told, untold
+from b23d.stages.workbench.results.untold import Known, untold
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -113,7 +113,7 @@ def keypoint_table(
     others = {name: [seed for seed in kept[name] if seed not in seeds] for name, seeds in shown.items()}
     frame = _frame(rows)
     told = {
-        str(name): Told(bool(each["confidence"].notna().any()), bool(each["of_class"].notna().any()))
+        str(name): Known(bool(each["confidence"].notna().any()), bool(each["of_class"].notna().any()))
         for name, each in frame.groupby("class", sort=True)
     }
     return FoundKeypoints(frame, shown, alike, others, waiting, untold(run, told))

@@ -11,14 +11,14 @@ from b23d.schemas.wording import counted
 
 
 @dataclass(frozen=True)
-class Told:
+class Known:
     """What some prediction of a class has told."""
 
     confidence: bool
     of_class: bool
 
 
-def untold(run: Run, classes: Mapping[str, Told]) -> list[str]:
+def untold(run: Run, classes: Mapping[str, Known]) -> list[str]:
     """A line for each of the two that no prediction of some class has, with the reason. classes: those predicted."""
     lines = []
     for name, reason in (("confidence", _no_confidence(run)), ("of_class", _no_class(run))):
