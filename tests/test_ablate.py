@@ -11,10 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app, plug_in
+from b23d.pipeline.inspection.change import Change
 from b23d.pipeline.runfile.config import Config, load_config
 from b23d.pipeline.runfile.overrides import Carried
 from b23d.stages.workbench.commands.ablate import DETOURS
-from b23d.stages.workbench.results.changes import Change, Way, members, way
+from b23d.stages.workbench.results.changes import Way, members, way
 from tests.small_runs import make_boxes
 
 plug_in()
@@ -56,7 +57,7 @@ def test_every_step_changes_an_address() -> None:
 
 def test_steps_are_in_dataflow_order_between_the_detours() -> None:
     steps = between().steps
-    assert [str(step) for step in (steps[0], *steps[-2:])] == [
+    assert [step.step for step in (steps[0], *steps[-2:])] == [
         "optimize.method: softmax → discrete",
         "optimize.method: discrete → posterior",
         "optimize.presence: all → evidence",

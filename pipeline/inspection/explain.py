@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from b23d.pipeline.errors import ArtifactNotFoundError, CorruptArtifactError
+from b23d.pipeline.inspection.change import Change
 from b23d.pipeline.inspection.links import cuts
 from b23d.pipeline.planning.nodes import LeafNode, Node
 from b23d.pipeline.run import Run
@@ -26,18 +27,6 @@ class AddressPart:
 
 
 @dataclass(frozen=True)
-class Difference:
-    """One part that differs. `field`: `stages.<stage>.<parameter>`, `<stage>.version`, or `<leaf> of <shape>`."""
-
-    field: str
-    before: str
-    now: str
-
-    def __str__(self) -> str:
-        return f"{self.field}: {self.before} → {self.now}"
-
-
-@dataclass(frozen=True)
 class Explanation:
     stage: str
     shape: str
@@ -46,7 +35,7 @@ class Explanation:
     parts: list[AddressPart]
     nearest: str | None
     """Address of the stored artifact compared with; None: this stage has made nothing of this shape yet."""
-    differences: list[Difference] = field(default_factory=list)
+    differences: list[Change] = field(default_factory=list)
     """Deepest cause first: what stands at the head explains the rest."""
     cuts: list[str] = field(default_factory=list)
     """Where the chain of causes was cut: what was made anew, but gave what was known."""
@@ -156,14 +145,14 @@ def _distance(one: _Recipe, other: _Recipe) -> int:
     return params + sum(one.inputs.get(k) != other.inputs.get(k) for k in one.inputs.keys() | other.inputs.keys())
 
 
-def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference]:
+def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Change]:
     if now.address == before.address:
         return
     shared = now.inputs.keys() & before.inputs.keys()
     for name in sorted(shared, key=lambda name: name.startswith(SHOT)):  # the shape's own inputs first
         ours, theirs = now.inputs[name], before.inputs[name]
         if len(ours) != len(theirs):
-            yield Difference(f"shots of {now.stage} ({name})", _named(before, theirs), _named(now, ours))
+            yield Change(f"shots of {now.stage} ({name})", _named(before, theirs), _named(now, ours))
             continue
         found = [
             d
@@ -171,27 +160,25 @@ def _differences(run: Run, now: _Recipe, before: _Recipe) -> Iterator[Difference
             for d in _input_differences(run, now, before, name, mine, other)
         ]
         if name.startswith(SHOT) and any(difference.field.endswith(BYTES) for difference in found):
-            yield Difference(
+            yield Change(
                 f"shots of {now.stage} ({name})", _named(before, theirs), _named(now, ours)
             )  # other shapes, not other parameters
         else:
             yield from found
     if now.version != before.version:
-        yield Difference(f"{now.stage}.version", str(before.version), str(now.version))
+        yield Change(f"{now.stage}.version", str(before.version), str(now.version))
     both = now.params.keys() & before.params.keys()  # these first: another choice brings and takes fields of its own
     for key in sorted(now.params.keys() | before.params.keys(), key=lambda key: (key not in both, key)):
         if now.params.get(key) != before.params.get(key):
-            yield Difference(f"stages.{now.stage}.{key}", repr(before.params.get(key)), repr(now.params.get(key)))
+            yield Change(f"stages.{now.stage}.{key}", before.params.get(key), now.params.get(key))
 
 
-def _input_differences(
-    run: Run, now: _Recipe, before: _Recipe, name: str, mine: str, other: str
-) -> Iterator[Difference]:
+def _input_differences(run: Run, now: _Recipe, before: _Recipe, name: str, mine: str, other: str) -> Iterator[Change]:
     if mine == other:
         return
     above, known = now.above.get(mine), before.above.get(other)
     if not isinstance(above, Node):
-        yield Difference(f"{name} of {now.stage} {BYTES}", other[:12], mine[:12])
+        yield Change(f"{name} of {now.stage} {BYTES}", other[:12], mine[:12])
         return
     if isinstance(known, Node):
         recipe: _Recipe | None = _of_node(before.run, known)
@@ -200,7 +187,7 @@ def _input_differences(
     else:
         recipe = _stored(before.run, above.stage, other)
     if recipe is None:
-        yield Difference(f"{above.stage} (no longer stored)", other[:12], mine[:12])
+        yield Change(f"{above.stage} (no longer stored)", other[:12], mine[:12])
     else:
         yield from _differences(run, _of_node(run, above), recipe)
 
@@ -215,8 +202,8 @@ def _describe(item: Node | LeafNode) -> str:
     return f"{item.stage} of {item.shape} {item.address[:12]} ({item.state.value})"
 
 
-def _unique(found: list[Difference]) -> list[Difference]:
-    return list(dict.fromkeys(found))
+def _unique(found: list[Change]) -> list[Change]:
+    return list({str(change): change for change in found}.values())  # values may be lists: no hash
 
 
 def _named(recipe: _Recipe, addresses: list[str]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from b23d.pipeline.errors import RunFileError
 from b23d.schemas.params import Params, flat, missing_choice
+from b23d.schemas.wording import bare
 
 
 class Carried(str):
@@ -50,8 +51,8 @@ def unused(text: str, params: Mapping[str, Params]) -> str | None:
         if missing := missing_choice(params[stage], inner):
             field, got, wanted = missing
             return (
-                f"--set {text}: expected an option of {field} = {_plain(got)}, got one of {field} = {_plain(wanted)}; "
-                f"choose that with --set stages.{stage}.{field}={_plain(wanted)}"
+                f"--set {text}: expected an option of {field} = {bare(got)}, got one of {field} = {bare(wanted)}; "
+                f"choose that with --set stages.{stage}.{field}={bare(wanted)}"
             )
     return None
 
@@ -66,7 +67,3 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError):
         return text
-
-
-def _plain(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)

@@ -72,7 +72,7 @@ def ablate(
     )
     if dry_run:
         for number, change in enumerate(found.steps, 1):
-            console.print(f"{number:3} {change}", highlight=False, markup=False)
+            console.print(f"{number:3} {change.step}", highlight=False, markup=False)
         return
     name = own.file.name
     series = [

@@ -7,22 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from b23d.pipeline.inspection.change import Change
 from b23d.pipeline.runfile.config import Config
 from b23d.pipeline.runfile.members import Member
 from b23d.pipeline.runfile.overrides import Carried
 from b23d.schemas.params import flat
-
-
-@dataclass(frozen=True)
-class Change:
-    """One step: one field."""
-
-    field: str
-    old: Any
-    new: Any
-
-    def __str__(self) -> str:
-        return f"{self.field.removeprefix('stages.')}: {_plain(self.old)} → {_plain(self.new)}"
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,7 @@ def members(origin: str, found: Way, name: str) -> list[Member]:
     listed = [Member(origin, _overrides(state, name))]
     for change in found.steps:
         state[change.field] = change.new
-        listed.append(Member(str(change), _overrides(state, name)))
+        listed.append(Member(change.step, _overrides(state, name)))
     return listed
 
 
@@ -95,7 +84,3 @@ def _counting(config: Config, stages: Iterable[str]) -> set[str]:
         for option in config.params[stage].options()
         if option.counts
     }
-
-
-def _plain(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
