@@ -125,7 +125,7 @@ def test_released_to_corrected_end_to_end(boxes: Path) -> None:
     ran = dict(re.findall(r"^(.+): ran (.+) in \d+ s, AUC", output, re.M))
     downstream = ["normalize", "render", "extract", "backproject", "geodesic", "reweight", "learn", "optimize", "score"]
     assert ran.pop("released") == ", ".join([*downstream[:6], "annotation", *downstream[6:]])
-    assert list(ran) == [str(step) for step in between().steps]
+    assert list(ran) == [step.step for step in between().steps]
     for label, stages in ran.items():
         changed = label.split(".")[0]
         allowed = {"geodesic": {"geodesic", "reweight", "learn", "optimize", "score"}}.get(
