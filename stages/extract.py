@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 from b23d.pipeline.stage import Hints, stage
 from b23d.schemas.params import Params, Unhashed, When
 from b23d.schemas.views import Views, ViewTokens
-from b23d.stages.encoders.names import family_of, known_name
+from b23d.stages.encoders.names import family_of, known_name, packaged
 from b23d.stages.encoders.weights import find_checkpoint
 
 TRANSFORMER = "saliency-vit-s14"
@@ -46,7 +46,7 @@ class ExtractParams(Params):
     """Digest the weights must have (of model.safetensors, as the hub shows it); any other is an error."""
     blocks: tuple[Annotated[int, Field(ge=0)], ...] = ()
     """0-based blocks (transformer or MBConv) whose outputs are taken, concatenated along channels; none later than the
-    last is run. Empty: the encoder's default, which is the last one, except 10 of efficientnet-lite0 and 9 of
+    last is run. Empty: the encoder's default, which is the last one, except 10 of efficientnet-lite0 and 6 of
     saliency-vit-s14."""
     layernorm: bool | None = None
     """Apply the transformer's final layer norm to the blocks' outputs. None: as the model's users do (DINO and SigLIP:
@@ -91,11 +91,16 @@ class ExtractParams(Params):
 
 
 def weights_digest(params: ExtractParams) -> dict[str, str]:
-    """Digests of what `params` only names: the weights, and a folder's configuration. They enter the address.
+    """Digests of what `params` only names: the weights, and a folder's configuration; and the block that is taken where
+    `params` leaves it to a package's encoder whose choice has changed. They enter the address.
 
     Raises FileNotFoundError where the weights are nowhere, ValueError where they are not the expected ones.
     """
-    return find_checkpoint(params.encoder, params.weights, params.weights_sha256).digests()
+    digests = find_checkpoint(params.encoder, params.weights, params.weights_sha256).digests()
+    package = packaged(params.encoder)
+    if package is None or package.block is None or params.blocks:
+        return digests
+    return digests | {"block": str(package.block)}
 
 
 @stage(version=2, hints=Hints(gpu="useful", memory_gb=2), fingerprint=weights_digest)

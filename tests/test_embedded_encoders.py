@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from b23d.stages.encoders.names import SALIENCY
 from b23d.stages.encoders.weights import find_checkpoint
 from tests.tiny_encoders import cosines, embedded, images, prepared, scene
 
@@ -48,30 +49,31 @@ def test_lite0_pads_as_tensorflow() -> None:
 
 
 def test_saliency_vit_is_the_onnx_graph() -> None:
-    """onnx's own evaluator, node by node, up to block 9."""
+    """onnx's own evaluator, node by node, up to the block that is taken."""
     onnx = pytest.importorskip("onnx")
     from onnx.reference import ReferenceEvaluator
 
     encoder = embedded("saliency-vit-s14", precision="fp32")
     assert (encoder.grid, encoder.channels, encoder.input_size, encoder.class_token) == ((16, 16), 384, 224, True)
     graph = onnx.load(str(find_checkpoint("saliency-vit-s14").path)).graph
-    needed, nodes = {"/backbone/encoder/layer.9/Add_1_output_0"}, []
+    output = f"/backbone/encoder/layer.{SALIENCY.block}/Add_1_output_0"
+    needed, nodes = {output}, []
     for node in reversed(graph.node):
         if needed & set(node.output):
             needed |= set(node.input)
             nodes.insert(0, node)
     floats = onnx.TensorProto.FLOAT
-    block9 = onnx.helper.make_graph(
+    blocks = onnx.helper.make_graph(
         nodes,
-        "block 9",
+        "the first blocks",
         [onnx.helper.make_tensor_value_info("input_image", floats, None)],
-        [onnx.helper.make_tensor_value_info("/backbone/encoder/layer.9/Add_1_output_0", floats, None)],
+        [onnx.helper.make_tensor_value_info(output, floats, None)],
         [tensor for tensor in graph.initializer if tensor.name in needed],
     )
     view = images(1, 224)
     x = prepared(encoder.backbone.pixels, view)
     (expected,) = ReferenceEvaluator(
-        onnx.helper.make_model(block9, opset_imports=[onnx.helper.make_opsetid("", 14)])
+        onnx.helper.make_model(blocks, opset_imports=[onnx.helper.make_opsetid("", 14)])
     ).run(None, {"input_image": x.contiguous().numpy()})
     with torch.inference_mode():
         patches, first = encoder.backbone.network(x)

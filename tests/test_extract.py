@@ -89,6 +89,15 @@ def test_address_has_digests_but_no_paths(dino: Path, tmp_path: Path) -> None:
     assert weights_digest(here)["config"] != weights_digest(there)["config"]
 
 
+def test_a_default_that_has_changed_enters_the_address() -> None:
+    """What was stored of the block that was taken before is not taken for the new one's; a block that is asked for, and
+    encoders whose default is as it was, keep their addresses."""
+    taken, asked = (ExtractParams(encoder="saliency-vit-s14", blocks=blocks) for blocks in ((), (6,)))
+    assert weights_digest(taken) == weights_digest(asked) | {"block": "6"}
+    assert set(weights_digest(ExtractParams())) == set(weights_digest(asked)) == {"weights"}
+    np.testing.assert_array_equal(extract(views(2), taken).tokens, extract(views(2), asked).tokens)
+
+
 def test_changed_weights_change_the_digest_within_a_process(dino: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(dino, tmp_path / "copy")
     before = find_checkpoint("test/tiny", folder).digests()

