@@ -63,6 +63,9 @@ class Shape:
     """The data set's own split this shape is in (train, val, test), if it has splits."""
     error: str | None = None
     """Why this shape cannot be used, if listing the data set already tells; it is quarantined under its name."""
+    about: str = ""
+    """The leaf that the error is about, where the shape stands for no geometry but for a part of what holds that leaf,
+    such as an entry of an annotation file: stages that take no such leaf do without it. "": for all of them."""
 
     name: str = field(init=False)
 

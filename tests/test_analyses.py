@@ -206,6 +206,10 @@ def test_bad_scans_are_compared_with_the_same_shapes_clean(tmp_path: Path) -> No
     assert (rows["shapes"] == 2).all() and rows.loc[["clean", "shuffled"], "left"].tolist() == [1, 1]
     assert rows["PCK"]["clean"] == rows["clean"]["clean"] and rows["change"]["clean"] == 0
     assert rows["left"]["holes"] < 0.9
+    assert page.count("sd over 2 draws of shots") == 2
+    table, page = analysed("robustness", tmp_path, {**more, "shots.draws": "[0]"})
+    assert table["PCK sd"].isna().all() and page.count("of 1 draw of shots") == 2
+    assert "sd over" not in page and '"error_y":{"array"' not in page
     assert page.count("data:image/webp") == 2 * 2 * 2, "two damages, two shapes, before and after"
 
 

@@ -258,6 +258,29 @@ def test_what_is_wrong_with_shots_is_said_once(tmp_path: Path) -> None:
     assert invoke("plan", str(features_only(path)))[0] == 0, "features need no shots"
 
 
+UNREADABLE = ("{", "[1, 2]", '{"a": 1}', "", "[]", '[{"model_id": "nowhere", "keypoints": []}]')
+
+
+@pytest.mark.parametrize("said", UNREADABLE)
+def test_an_annotation_file_of_no_use_stops_what_needs_annotations(tmp_path: Path, said: str) -> None:
+    """plan foresees it, and so exits as run will; what needs no annotation goes through."""
+    path, annotations = make_boxes(tmp_path, 3), tmp_path / "shapes" / "keypoints.json"
+    annotations.write_text(said)
+    for verb in (["plan"], ["plan", "--json"], ["run", "--workers", "0", "--until", "annotation"]):
+        status, told = invoke(verb[0], str(path), *verb[1:])
+        assert status == 1 and str(annotations) in told.replace("\n", ""), (verb, told)
+    for verb in (["plan"], ["run", "--workers", "0"]):
+        status, told = invoke(verb[0], str(path), *verb[1:], "--until", "normalize")
+        assert status == 0 and str(annotations) not in told, (verb, told)
+
+
+def test_one_bad_entry_of_an_annotation_file_leaves_the_plan_something_to_do(tmp_path: Path) -> None:
+    path, annotations = make_boxes(tmp_path, 3), tmp_path / "shapes" / "keypoints.json"
+    annotations.write_text(json.dumps([1, *json.loads(annotations.read_text())]))
+    status, told = invoke("plan", str(path))
+    assert status == 0 and f"{annotations} entry 0" in told
+
+
 @pytest.mark.parametrize(
     ("case", "words"),
     [("keypoints-in-mm", "likely scaled ×1000"), ("keypoints-in-class-folder", "tables/keypoints.json; move it there")],

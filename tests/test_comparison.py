@@ -3,6 +3,7 @@ quoted."""
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from b23d.pipeline.cli import app, plug_in
@@ -20,6 +22,7 @@ from b23d.schemas.scores import ClassScores, Curve, PresenceScores, ScoreTable, 
 from b23d.stages.scoring.quoted import B2_3D, HUNGARIAN, PART_CLASSES, PARTS
 from b23d.stages.workbench.commands.sweep import choose
 from b23d.stages.workbench.report.comparison import comparison_curves, keypoint_lines, part_lines, render_comparison
+from b23d.stages.workbench.report.terminal import comparison_tables
 from b23d.stages.workbench.results.comparing import Comparison, System, compare
 from b23d.stages.workbench.results.scores import spread
 from tests.small_runs import FAST
@@ -126,6 +129,16 @@ def test_parts_are_printed_after_a_run(swept: tuple[Path, str]) -> None:
     )
     assert done.exit_code == 0 and "tiny: parts" in done.output, done.output
     assert json.loads((path.parent / "tiny" / "parts.json").read_text())["classes"]
+
+
+def test_why_a_system_has_no_figures_is_shown_as_it_is() -> None:
+    """It names a table of the run file, in brackets."""
+    reason = "run file x.toml: [variants.a]: method: expected one of 'b', got 'c'"
+    system = System("[bold]enc/[red]a", "[bold]enc", reason=reason)
+    (table,) = comparison_tables(Comparison([system]))
+    printed = io.StringIO()
+    Console(file=printed, width=200).print(table)
+    assert f"[red]a: {reason}" in printed.getvalue() and "[bold]enc" in printed.getvalue()
 
 
 def test_series_members_are_chosen_by_globs() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +15,8 @@ from typer.testing import CliRunner
 from b23d.pipeline.cli import app, plug_in
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.runfile.config import load_config
+from b23d.pipeline.runfile.members import members
+from b23d.pipeline.runfile.overrides import Carried, Listed, said
 from b23d.schemas.wanted import wanted
 from tests.small_runs import make_boxes
 from tests.toy import make_toy
@@ -110,6 +114,10 @@ OVERRIDES = [
     "dataset.up=q",
     "dataset.root=\\u0000",
     "outputs=3",
+    'outputs=["foo"]',
+    "feeds.backproject=foo",
+    "feeds.backproject=render",
+    "feeds.normalize=optimize",
     'store.transient=["foo"]',
     "execution.memory_gb=0",
     "name=/",
@@ -134,3 +142,52 @@ def test_the_file_is_blamed_for_what_stands_in_it(tmp_path: Path) -> None:
     load_config(path, ["stages.square.power=2"])
     with pytest.raises(RunFileError, match=r"^--set stages.square.power=x: power: expected a number, got 'x'"):
         load_config(path, ["stages.square.power=2", "stages.square.power=x"])
+
+
+LISTED = [
+    ("[sweep]\n'stages.square.power' = ['wide']\n", r'\[sweep\]: stages.square.power="wide": power: expected a number'),
+    ("[sweep]\n'stages.square.pwoer' = [1]\n", r"\[sweep\]: stages.square.pwoer=1: expected a known key"),
+    ("[sweep]\n'name.first' = [1]\n", r"\[sweep\]: name.first=1: expected name to be a table, got 'toy'"),
+    ("[sweep]\n'' = [1]\n", r"\[sweep\]: expected a.b=value, got '=1'"),
+    (
+        "[variants.'a/b']\n'outputs' = ['squares']\n",
+        r"\[variants.a/b\]: outputs=\[\"squares\"\]: outputs: expected a stage",
+    ),
+    ("[variants.a]\n'store.root' = \"\\u0000\"\n", r'\[variants.a\]: store.root="\\u0000": expected a path'),
+    ("[variants.a]\n'feeds.square' = 'x'\n", r'\[variants.a\]: feeds.square="x": feeds.square: expected a stage'),
+]
+
+
+@pytest.mark.parametrize(("table", "said"), LISTED)
+def test_the_file_is_blamed_for_what_its_series_set(tmp_path: Path, table: str, said: str) -> None:
+    """By the table that lists it, and the entry; what was given besides is blamed no more."""
+    path = make_toy(tmp_path, extra=table)
+    (member,) = members(load_config(path, [Carried("stages.shift.by=2")]))
+    with pytest.raises(RunFileError) as error:
+        load_config(path, member.overrides)
+    assert re.match(f"run file {re.escape(str(path))}: {said}", str(error.value)), error.value
+    assert "--set" not in str(error.value)
+
+
+def test_a_series_given_by_an_override_is_blamed_on_it(tmp_path: Path) -> None:
+    given = 'sweep={"stages.square.power" = ["wide"]}'
+    (member,) = members(load_config(path := make_toy(tmp_path), [given]))
+    with pytest.raises(
+        RunFileError, match=rf"^--set {re.escape(given)}: stages.square.power=\"wide\": power: expected a"
+    ):
+        load_config(path, member.overrides)
+
+
+def test_an_unused_option_of_a_variant_is_said_of_the_variant(tmp_path: Path) -> None:
+    path = make_boxes(tmp_path, 2, "[variants.a]\n'stages.optimize.discrete.starts' = 3\n")
+    (member,) = members(load_config(path))
+    with pytest.raises(
+        RunFileError, match=r"\[variants.a\]: stages.*; set stages.optimize.method=discrete there, too$"
+    ):
+        load_config(path, member.overrides)
+
+
+def test_where_an_override_was_said_goes_where_it_goes() -> None:
+    """To a worker, or a copy."""
+    one = Listed("a.b=1", "run file x.toml: [sweep]")
+    assert said(pickle.loads(pickle.dumps(one))) == said(copy.deepcopy(one)) == "run file x.toml: [sweep]: a.b=1"

@@ -55,10 +55,12 @@ def _make_plan(config: Config, shapes: list[Shape], planner: Planner, selection:
         planner.settle(node)
     by_shape, nodes = _only_selected(config, selection, targets, by_shape, nodes)
 
-    problems = _problems(shapes, draws, planner, _asked(config, selection))
+    asked = _asked(config, selection)
+    unannotated = _unannotated(shapes, planner, asked)
+    problems = _problems(shapes, draws, planner, asked, unannotated)
     planner.index.save_digests()
     stages = [name for name in config.stages if name in _stages(config, selection)]
-    return Plan(stages, nodes, by_shape, draws, planner.contents, problems)
+    return Plan(stages, nodes, by_shape, draws, planner.contents, problems, unannotated)
 
 
 def _plan_what_needs_no_shots(planner: Planner, shapes: list[Shape]) -> set[str]:
@@ -129,22 +131,31 @@ def _missing_above(node: Node, kept: ByAddress) -> str | None:
     return None
 
 
-def _problems(shapes: list[Shape], draws: list[Draw], planner: Planner, stages: set[str]) -> list[Failure]:
+def _unannotated(shapes: list[Shape], planner: Planner, stages: set[str]) -> bool:
+    """Whether these stages ask for annotations, and no shape has any."""
+    checked = {planner.config.stages[name].checks for name in stages} & planner.shot_leaves()
+    wanted = planner.shot_leaves(stages) | checked
+    return bool(wanted) and not any(wanted & shape.leaves.keys() for shape in shapes)
+
+
+def _problems(
+    shapes: list[Shape], draws: list[Draw], planner: Planner, stages: set[str], unannotated: bool
+) -> list[Failure]:
     """What is wrong before anything runs, as far as these stages need it: unusable shapes, draws without shots, files
     that cannot be read."""
+    taken = {source for name in stages for source in planner.sources[name].values()}
     listed = [
-        Failure("source", shape.name, MISSING, naming(shape.name, shape.error), True) for shape in shapes if shape.error
+        Failure("source", shape.name, MISSING, naming(shape.name, shape.error), True)
+        for shape in shapes
+        if shape.error and (not shape.about or shape.about in taken)
     ]
-    leaves = planner.shot_leaves(stages)
-    told = draw_problems(shapes, planner.config.file.shots, draws, leaves)
-    checked = {planner.config.stages[name].checks for name in stages} & planner.shot_leaves()
-    if (wanted := leaves | checked) and not any(wanted & shape.leaves.keys() for shape in shapes):
+    told = draw_problems(shapes, planner.config.file.shots, draws, planner.shot_leaves(stages))
+    if unannotated:
         told |= {said: True for said in [planner.config.dataset.unannotated()] if said}
     undrawn = [
         Failure(SHOTS if mistaken else "draw", one.split(":")[0], MISSING, f"ValueError: {one}", True)
         for one, mistaken in told.items()
     ]
-    taken = {source for name in stages for source in planner.sources[name].values()}
     lost = {shape: leaf.error for (shape, name), leaf in planner.leaves.items() if leaf.error and name in taken}
     unread = [Failure("source", shape, MISSING, error, True) for shape, error in lost.items()]
     return [*listed, *undrawn, *unread]

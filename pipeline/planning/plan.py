@@ -32,6 +32,8 @@ class Plan:
     """What is known of what stored artifacts gave."""
     problems: list[Failure]
     """What is wrong already: unusable shapes, classes with too few shots."""
+    unannotated: bool = False
+    """The stages ask for annotations and no shape has any, so that nothing can be predicted."""
 
     def __repr__(self) -> str:
         return f"<plan: {'; '.join(f'{stage} {self._states(stage)}' for stage in self.stages)}>"

@@ -12,11 +12,11 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from b23d.pipeline.errors import RunFileError
+from b23d.pipeline.runfile.overrides import SHOWN, said
 from b23d.schemas.params import Params, choice_of, homes
 from b23d.schemas.wanted import wanted
 
 P = TypeVar("P", bound=Params)
-SHOWN = 120  # characters of a value that a message shows
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Where:
         for text in reversed(self.overrides):
             set_, _, _ = (part.strip() for part in text.partition("="))
             if f"{dotted}.".startswith(f"{set_}.") or set_.startswith(f"{dotted}."):
-                return f"--set {text if len(text) <= SHOWN else text[:SHOWN] + '…'}"
+                return said(text)
         return str(self)
 
 

@@ -12,7 +12,7 @@ from b23d.pipeline.dataset import DATASETS, Dataset
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.runfile.anchoring import Anchored, anchor, place_store, table_in, tables_in
 from b23d.pipeline.runfile.checking import Where, short, suggest, validate
-from b23d.pipeline.runfile.overrides import Carried, parsed, put, unused
+from b23d.pipeline.runfile.overrides import Carried, put, unused
 from b23d.pipeline.runfile.plugins import Plugin
 from b23d.pipeline.stage import Stage, default_outputs, load_stages
 from b23d.schemas.artifact import Artifact
@@ -44,20 +44,21 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     path, overrides = Path(path), tuple(overrides)
     tables = _read(path)
     for text in overrides:
-        put(tables, *parsed(text))
+        put(tables, text)
     plugins = _plugins(tables)
     for plugin in plugins:
         plugin.load()
     installed, place = load_stages(), Where(path, "", overrides)
     tls = table_in(table_in(tables, "execution"), "tls")
     tls.update(_absolute(Tls, tls, place.table("execution.tls")))
-    said = place.table("store").of("root")
-    place_store(tables, path, said if said.startswith("--set") else f"{said} root")
+    store = place.table("store")
+    said = store.of("root")
+    place_store(tables, path, f"{said} root" if said == str(store) else said)
     if "outputs" not in tables:
         tables["outputs"] = default_outputs()
     file = validate(RunFile, tables, place)
     dataset = _dataset(file, place)
-    stages = _needed(file, installed, dataset.lacks())
+    stages = _needed(file, installed, dataset.lacks(), place)
     for name in file.stages:
         if name not in installed:
             where = place.of(f"stages.{name}")
@@ -210,7 +211,7 @@ def _absolute(model: type[Params], table: Mapping[str, Any], where: Where) -> di
     return {key: resolve(key, value) for key, value in table.items()}
 
 
-def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str]) -> dict[str, Stage]:
+def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str], place: Where) -> dict[str, Stage]:
     """Stages the outputs need, upstream first; none that wants a leaf of `lacks`."""
     order: dict[str, Stage] = {}
 
@@ -218,8 +219,9 @@ def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str]) -> d
         if name in order:
             return
         if name in trail:
+            circle = " → ".join([*trail, name])
             raise RunFileError(
-                f"feeds: expected a flow without circles, got {' → '.join([*trail, name])}; change [feeds]"
+                f"{place.of('feeds')}: feeds: expected a flow without circles, got {circle}; change [feeds]"
             )
         for item in installed[name].inputs:
             source = feeding(file, item.upstream)
@@ -227,22 +229,25 @@ def _needed(file: RunFile, installed: Mapping[str, Stage], lacks: set[str]) -> d
                 continue
             if source not in installed:
                 if item.upstream in file.feeds:
-                    raise RunFileError(
-                        f"feeds.{item.upstream}: expected a stage, got {short(source)}; {suggest(source, installed)}"
-                    )
+                    key = f"feeds.{item.upstream}"
+                    told = f"expected a stage, got {short(source)}; {suggest(source, installed)}"
+                    raise RunFileError(f"{place.of(key)}: {key}: {told}")
                 for gate in gates(installed, source, item.schema):
                     if gate != name and not item.example:
                         visit(gate, (*trail, name))
                 continue
             if not issubclass(installed[source].gives, item.schema):
                 told = f"{item.name} to be {item.schema.__name__}, got {installed[source].gives.__name__} from {source}"
-                raise RunFileError(f"stage {name}: expected {told}; change [feeds]")
+                raise RunFileError(
+                    f"{place.of(f'feeds.{item.upstream}')}: stage {name}: expected {told}; change [feeds]"
+                )
             visit(source, (*trail, name))
         order[name] = installed[name]
 
     for output in file.outputs:
         source = feeding(file, output)
         if source not in installed:
-            raise RunFileError(f"outputs: expected a stage, got {short(source)}; {suggest(source, installed)}")
+            told = f"expected a stage, got {short(source)}; {suggest(source, installed)}"
+            raise RunFileError(f"{place.of('outputs')}: outputs: {told}")
         visit(source, ())
     return order

@@ -7,8 +7,9 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from b23d.pipeline.runfile.checking import Where
 from b23d.pipeline.runfile.config import Config
-from b23d.pipeline.runfile.overrides import Carried
+from b23d.pipeline.runfile.overrides import Carried, Listed
 
 SUFFIX = ".sweep"
 """Of the name, and so of the folder, of every member; addresses do not know it."""
@@ -31,13 +32,14 @@ def members(config: Config) -> list[Member]:
     """The members of a run file, in its order, over the config's own overrides; none where it has neither table."""
     name = f"name={config.file.name}{SUFFIX}"
     given = tuple(map(Carried, config.overrides))
-    found = []
+    found, place = [], Where(config.path, "", config.overrides)
     for field, values in config.file.sweep.items():
         for value in map(_json, values):
-            own = f"{field}={value}"
+            own = Listed(f"{field}={value}", place.table("sweep").of(field))
             found.append(Member(f"{field} = {value}", (*given, own, name), field, (own,)))
     for variant, fields in config.file.variants.items():
-        sets = tuple(f"{field}={_json(value)}" for field, value in fields.items())
+        where = place.table(f"{VARIANTS}.{variant}").of("")
+        sets = tuple(Listed(f"{field}={_json(value)}", where) for field, value in fields.items())
         found.append(Member(variant, (*given, *sets, name), VARIANTS, sets))
     return found
 

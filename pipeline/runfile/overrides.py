@@ -11,10 +11,29 @@ from b23d.pipeline.errors import RunFileError
 from b23d.schemas.params import Params, flat, missing_choice
 from b23d.schemas.wording import bare
 
+SHOWN = 120  # characters of an override, or of a value, that a message shows
+
 
 class Carried(str):
     """An override that may set options of choices not taken, as a run file may: it goes through a whole series of
     runs."""
+
+
+class Listed(str):
+    """An override that a run file itself lists, in `[sweep]` or `[variants]`: what is wrong is said of there."""
+
+    where: str
+
+    def __new__(cls, text: str, where: str = "run file") -> Listed:
+        self = super().__new__(cls, text)
+        self.where = where
+        return self
+
+
+def said(text: str) -> str:
+    """An override as a message names it: by where it was said."""
+    cut = text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
+    return f"{text.where}: {cut}" if isinstance(text, Listed) else f"--set {cut}"
 
 
 def parsed(text: str) -> tuple[list[str], Any]:
@@ -25,16 +44,18 @@ def parsed(text: str) -> tuple[list[str], Any]:
         )
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
-        raise RunFileError(f"--set: expected a.b=value, got {text!r}; for example --set shots.count=5")
+        where, how = (text.where, "") if isinstance(text, Listed) else ("--set", "--set ")
+        raise RunFileError(f"{where}: expected a.b=value, got {text!r}; for example {how}shots.count=5")
     return name.strip().split("."), _value(value.strip())
 
 
-def put(tables: dict[str, Any], keys: list[str], value: Any) -> None:
-    """Set a field. Raises RunFileError where what it should stand in is no table."""
+def put(tables: dict[str, Any], text: str) -> None:
+    """Set the field that an override sets. Raises RunFileError where what it should stand in is no table."""
+    keys, value = parsed(text)
     for key in keys[:-1]:
         inner = tables.setdefault(key, {})
         if not isinstance(inner, dict):
-            raise RunFileError(f"--set {'.'.join(keys)}: expected {key} to be a table, got {inner!r}; check the name")
+            raise RunFileError(f"{said(text)}: expected {key} to be a table, got {inner!r}; check the name")
         tables = inner
     tables[keys[-1]] = value
 
@@ -50,9 +71,10 @@ def unused(text: str, params: Mapping[str, Params]) -> str | None:
             continue
         if missing := missing_choice(params[stage], inner):
             field, got, wanted = missing
+            choice = f"stages.{stage}.{field}={bare(wanted)}"
+            how = f"set {choice} there, too" if isinstance(text, Listed) else f"choose that with --set {choice}"
             return (
-                f"--set {text}: expected an option of {field} = {bare(got)}, got one of {field} = {bare(wanted)}; "
-                f"choose that with --set stages.{stage}.{field}={bare(wanted)}"
+                f"{said(text)}: expected an option of {field} = {bare(got)}, got one of {field} = {bare(wanted)}; {how}"
             )
     return None
 

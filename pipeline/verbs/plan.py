@@ -89,7 +89,8 @@ def plan(
     if why and not as_json:
         _print_reasons(loaded, planned)
     pending = exit_code and any(row["run"] or row["blocked"] for row in stages.values())
-    if pending or any(problem.stage == SHOTS for problem in planned.problems):  # no run mends that
+    hopeless = planned.unannotated or any(problem.stage == SHOTS for problem in planned.problems)
+    if pending or hopeless:  # no run mends that
         raise typer.Exit(1)
 
 

@@ -80,7 +80,11 @@ class Folder(WithDamage, WithExternals):
         keypoints, wrong = self._annotations(found)
         errors |= wrong
         companions, externals = Companions(listing.files), self.externals()
-        shapes = [Shape(key[1], key[0], {}, None, error) for key, error in errors.items() if key not in found]
+        shapes = [
+            Shape(key[1], key[0], {}, None, error, "keypoints" if key in wrong else "")
+            for key, error in errors.items()
+            if key not in found
+        ]
         for key, roles in found.items():
             leaves: dict[str, Leaf] = {}
             error = errors.get(key)

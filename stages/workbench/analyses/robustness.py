@@ -12,6 +12,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from pydantic import Field
 
+from b23d.schemas.wording import averaged
 from b23d.stages.scoring.iou import count, within
 from b23d.stages.workbench.analyses.drawing import SOFT, finish
 from b23d.stages.workbench.analyses.interface import AnalysisParams, Chart, ExecutedMember, Pictures, Result
@@ -63,7 +64,7 @@ def needs(params: Parameters) -> list[str]:
 
 def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     """Raises ValueError where a damage has no clean run of the same geometry beside it, or nothing is scored."""
-    rows, lines = [], []
+    rows, lines, draws = [], [], 1
     for part in parts:
         reference = _reference(part, parts)
         targets = dict(_judged(part, reference))
@@ -72,6 +73,7 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
                 f"{part.label}: expected scored targets, got none; "
                 "annotate shapes beyond dataset.damage.clean, or see what failed with b23d run"
             )
+        draws = max(draws, len({draw for _, draw in targets}))
         loss = _losses(targets, params.radius)
         rows.append({"scan": part.label, **_row(targets, params.radius), "worst": loss.index[0]})
         if part is not reference:
@@ -92,11 +94,11 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     return Result(
         "Keypoints on bad scans", table,
         "Shots are clean, targets damaged. AUC: mean IoU over thresholds 0 … .10, PCK: keypoints whose own id is "
-        f"predicted within {sizes}; mean over classes, sd over draws of shots. clean: PCK of the same shapes and "
+        f"predicted within {sizes}; mean over classes; {averaged(draws)}. clean: PCK of the same shapes and "
         "keypoints without the damage; left: share of the keypoints whose surface is still there; worst: the shape "
         "that loses most.",
         [
-            Chart(_figure(table), "PCK on damaged targets, and of the same keypoints on the clean ones."),
+            Chart(_figure(table, draws), "PCK on damaged targets, and of the same keypoints on the clean ones."),
             Pictures("What suffers most", caption, lines),
         ],
     )  # fmt: skip
@@ -217,11 +219,12 @@ def _drawn(
         yield f"{name}, {what}: {share}", image
 
 
-def _figure(table: pd.DataFrame) -> go.Figure:
+def _figure(table: pd.DataFrame, draws: int) -> go.Figure:
     figure, labels = go.Figure(), table["scan"].tolist()
+    spread = {"error_y": {"type": "data", "array": table["PCK sd"].tolist(), "color": SOFT}} if draws > 1 else {}
     figure.add_bar(
-        x=labels, y=table["PCK"].tolist(), name="damaged, mean ± sd over draws", marker={"color": class_color(0)},
-        error_y={"type": "data", "array": table["PCK sd"].tolist(), "color": SOFT},
+        x=labels, y=table["PCK"].tolist(), name=f"damaged, {averaged(draws)}", marker={"color": class_color(0)},
+        **spread,
         hovertemplate="%{y:.3f}<extra>%{x}</extra>",
     )  # fmt: skip
     figure.add_scatter(

@@ -53,10 +53,10 @@ def executed(
 
 
 def result_table(result: Result) -> Table:
-    table = Table(title=result.title, title_justify="left")
+    table = Table(title=escape(result.title), title_justify="left")
     for column in result.table.columns:
         number = result.table[column].dtype.kind in "fiu"
-        table.add_column(str(column), justify="right" if number else "left", overflow="fold")
+        table.add_column(escape(str(column)), justify="right" if number else "left", overflow="fold")
     for row in cells(result.table):
         table.add_row(*map(escape, row))
     return table

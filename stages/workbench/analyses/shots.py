@@ -49,8 +49,9 @@ def analyse(parts: list[ExecutedMember], params: Parameters) -> Result:
     return Result(
         "Does annotating more help?", table,
         "shots: annotated shapes of each class; every row is of the same targets, those that no row's shots are among. "
-        "AUC: mean IoU over thresholds 0 … .10; PCK: keypoints whose own id is found within .10; ± sd over draws of "
-        "shots. more: what the row has over the one before, in the same draws." + _left_out(parts, common),
+        "AUC: mean IoU over thresholds 0 … .10; PCK: keypoints whose own id is found within .10; "
+        f"{averaged(int(table['draws'].max()))}. more: what the row has over the one before, in the same draws."
+        + _left_out(parts, common),
         [Chart(_curves(table), _words(table))],
     )  # fmt: skip
 

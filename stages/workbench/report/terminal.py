@@ -30,17 +30,17 @@ def comparison_tables(comparison: Comparison, labels: Collection[str] | None = N
 
 
 def _table(title: str, columns: list[str], lines: list[dict]) -> Table:
-    table = Table(title=title, title_justify="left")
+    table = Table(title=escape(title), title_justify="left")
     table.add_column("system", overflow="fold")
     for column in columns:
-        table.add_column(column, justify="right", overflow="fold")
+        table.add_column(escape(column), justify="right", overflow="fold")
     missing = [line for line in lines if not line["cells"]]
     for line in lines:
         if line["cells"]:
             style = "dim italic" if line.get("quoted") else "bold" if line.get("reference") else None
             table.add_row(escape(line["name"]), *line["cells"], style=style)
     if missing:
-        table.caption = "\n".join(f"{line['name']}: {_short(line['reason'])}" for line in missing)
+        table.caption = escape("\n".join(f"{line['name']}: {_short(line['reason'])}" for line in missing))
         table.caption_justify = "left"
     return table
 
