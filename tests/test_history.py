@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -181,3 +182,30 @@ def test_what_a_task_says_is_kept_with_what_it_made_and_with_its_failure(tmp_pat
     assert quiet.provenance["said"] == ""
     shown = CliRunner().invoke(app, ["show", str(path), "toy/s3", "square", "--set", "stages.square.power=0.5"])
     assert "RuntimeWarning" in shown.output
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"selection": None}, False),
+        ({"environment": None}, False),
+        ({"failures": None}, False),
+        ({"failures": 3}, False),
+        ({"began": None}, False),
+        ({"results": {"scores": None}}, True),
+        ({"results": {"scores": [1, 2]}}, True),
+        ({"results": {"parts": {"classes": 3}}}, True),
+        ({"results": {"scores": {"mean": {"auc": {"mean": "high"}}}}}, True),
+        ({"of a later version": 1}, True),
+    ],
+)
+def test_an_odd_record_hides_no_other(tmp_path: Path, changed: dict[str, Any], told: bool) -> None:
+    path = make_toy(tmp_path)
+    Run.load(path).execute(workers=0)
+    (own,) = (tmp_path / "store" / ".records").glob("*.json")
+    odd = {**json.loads(own.read_text()), **changed, "id": "200101-000000-odd"}
+    (own.parent / f"{odd['id']}.json").write_text(json.dumps(odd))
+    printed = b23d("log", str(path))
+    assert own.stem in printed and (odd["id"] in printed) == told
+    if told:
+        assert odd["id"] in b23d("log", odd["id"], "--store", str(tmp_path / "store"))

@@ -15,6 +15,8 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from b23d.pipeline.errors import HistoryError, StoreError
 from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.planning.selection import Selection
@@ -65,6 +67,9 @@ class Record:
     """Tables printed after the run, by name: `scores`, `parts`."""
     kept: bool = False
     """`gc` keeps all that it reached."""
+
+
+RECORD = TypeAdapter(Record)
 
 
 def begin(store: Store, config: Config, selection: Selection) -> Record:
@@ -160,6 +165,7 @@ def _put(store: Store, record: Record) -> None:
 
 def _read(store: Store, name: str) -> Record | None:
     try:
-        return Record(**json.loads(store.fs.cat_file(f"{store.root}/{FOLDER}/{name}")))
+        told = json.loads(store.fs.cat_file(f"{store.root}/{FOLDER}/{name}"))
+        return RECORD.validate_python(told)  # fields of a later version are passed over
     except (OSError, ValueError, TypeError, RecursionError):
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -55,7 +55,7 @@ def log(
     for column in ("id", "run", "overrides", "selected", "made", "s", "ended", "AUC", "kept"):
         table.add_column(column, overflow="fold", no_wrap=column == "id")
     for record in found:
-        auc = record.results.get("scores", {}).get("mean", {}).get("auc", {}).get("mean")
+        auc = _at(record.results, "scores", "mean", "auc", "mean")
         table.add_row(
             record.id,
             escape(record.run),
@@ -64,7 +64,14 @@ def log(
             str(sum(record.made.values())),
             f"{record.seconds:.1f}",
             escape(record.ended),
-            "" if auc is None else f"{auc:.3f}",
+            f"{auc:.3f}" if isinstance(auc, float) else "",
             "✓" if record.kept else "",
         )
     console.print(table if found else f"nothing was run yet in {opened.url}", highlight=False)
+
+
+def _at(table: Any, *keys: str) -> Any:
+    """What stands in tables within tables; None where there is none, as in records of other versions."""
+    for key in keys:
+        table = table.get(key) if isinstance(table, dict) else None
+    return table
