@@ -105,6 +105,7 @@ class Run:
             )
             stopped(self.store, record, time.perf_counter() - started, why)
             raise
+        report.plan = plan
         report.record = finish(self.store, record, plan, report).id
         self._save(plan, report)
         remember(self.folder, report.done)

@@ -82,6 +82,22 @@ def draw_problems(
     return told
 
 
+def unannotated_classes(shapes: Iterable[Shape], shots: Shots, leaves: Collection[str]) -> dict[str, str]:
+    """Class that has not all the leaves that shots are asked for → what follows. What is wrong with shots by name is
+    told of their draws."""
+    had: dict[str, set[str]] = defaultdict(set)
+    for shape in shapes:
+        if not shape.error and shape.category not in shots.ids:
+            had[shape.category] |= shape.leaves.keys()
+    lacking = {category: sorted(set(leaves) - found) for category, found in sorted(had.items())}
+    return {
+        category: f"no annotated {'shapes' if len(lack) == len(leaves) else ' or '.join(lack)}, "
+        f"so no {' and no '.join(lack)} are predicted"
+        for category, lack in lacking.items()
+        if lack
+    }
+
+
 def draw_notes(draws: Collection[Draw]) -> list[str]:
     """What of the draws is not as it may seem, a line each: draws of one class that have the same shots."""
     classes: dict[str, dict[frozenset[str], list[int]]] = defaultdict(lambda: defaultdict(list))

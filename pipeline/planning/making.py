@@ -7,7 +7,7 @@ import gc
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import naming
 from b23d.pipeline.planning.acceptance import versions_accepted
-from b23d.pipeline.planning.draws import Draw, draw_problems, draw_shots
+from b23d.pipeline.planning.draws import Draw, draw_problems, draw_shots, unannotated_classes
 from b23d.pipeline.planning.nodes import MISSING, SHOTS, LeafNode, Node, State
 from b23d.pipeline.planning.plan import ByAddress, ByShape, Plan
 from b23d.pipeline.planning.planner import Accepting, Planner
@@ -58,9 +58,12 @@ def _make_plan(config: Config, shapes: list[Shape], planner: Planner, selection:
     asked = _asked(config, selection)
     unannotated = _unannotated(shapes, planner, asked)
     problems = _problems(shapes, draws, planner, asked, unannotated)
+    about = {shape.category for shape in shapes if shape.name in targets}
+    bare = unannotated_classes(shapes, config.file.shots, planner.shot_leaves(asked))
+    bare = {category: lack for category, lack in bare.items() if category in about}
     planner.index.save_digests()
     stages = [name for name in config.stages if name in _stages(config, selection)]
-    return Plan(stages, nodes, by_shape, draws, planner.contents, problems, unannotated)
+    return Plan(stages, nodes, by_shape, draws, planner.contents, problems, unannotated, bare)
 
 
 def _plan_what_needs_no_shots(planner: Planner, shapes: list[Shape]) -> set[str]:

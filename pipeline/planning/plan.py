@@ -8,7 +8,7 @@ from __future__ import annotations
 import html
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from b23d.pipeline.planning.contents import Contents
 from b23d.pipeline.planning.draws import Draw
@@ -34,6 +34,15 @@ class Plan:
     """What is wrong already: unusable shapes, classes with too few shots."""
     unannotated: bool = False
     """The stages ask for annotations and no shape has any, so that nothing can be predicted."""
+    unannotated_classes: dict[str, str] = field(default_factory=dict)
+    """Class of which the stages ask for annotations that none of its shapes has → what follows."""
+
+    def no_shots(self, category: str) -> str:
+        """Why nothing of a class can be predicted, with its name; "" where something may be."""
+        if lack := self.unannotated_classes.get(category):
+            return f"class {category}: {lack}"
+        errors = [draw.error for draw in self.draws if draw.category == category]
+        return (all(errors) and next(iter(errors), "")) or ""
 
     def __repr__(self) -> str:
         return f"<plan: {'; '.join(f'{stage} {self._states(stage)}' for stage in self.stages)}>"

@@ -66,6 +66,8 @@ class Report:
     """Id of the record that this execution has left (see `pipeline/records/history.py`)."""
     selection: Selection = EVERYTHING
     """What was asked for."""
+    plan: Plan | None = None
+    """What is there, and what is not, now that all is done; None until then."""
 
     @property
     def ok(self) -> bool:

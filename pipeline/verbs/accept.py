@@ -26,6 +26,7 @@ def accept(
     revoke: Annotated[bool, typer.Option("--revoke", help="Take it back.")] = False,
 ) -> None:
     """ "The new version gives the same, by my word": links what older versions made, without recomputing."""
+    from b23d.pipeline.inspection.proposing import proposed
     from b23d.pipeline.planning import acceptance
     from b23d.pipeline.planning.nodes import State
     from b23d.pipeline.run import Run
@@ -68,7 +69,9 @@ def accept(
     loaded.open_to_write()
     acceptance.accept(loaded.store, stage, version, older, len(checked))
     done = text.replace("would be", "are")
-    console.print(f"{done}; `b23d accept {run} {stage} --revoke` takes it back", highlight=False, markup=False)
+    console.print(
+        f"{done}; `{proposed('accept', loaded, stage, '--revoke')}` takes it back", highlight=False, markup=False
+    )
 
 
 def _check(run: Run, node: Node) -> None:

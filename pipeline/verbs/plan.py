@@ -51,6 +51,7 @@ def plan(
 ) -> None:
     """What would run, per stage: RUN / CACHED / BLOCKED, with projected bytes and seconds. Nothing is executed."""
     from b23d.pipeline.inspection.projection import memory_line, project
+    from b23d.pipeline.inspection.unannotated import unannotated_notes
     from b23d.pipeline.planning.draws import draw_notes
     from b23d.pipeline.planning.selection import Selection
     from b23d.pipeline.run import Run
@@ -79,6 +80,8 @@ def plan(
         console.print("[dim]MB and seconds are projected from this store's history; ? where a stage has never run[/]")
         console.print(f"[dim]store: {escape(loaded.store.url)}[/]", highlight=False, soft_wrap=True)
         for note in draw_notes(planned.draws):
+            console.print(f"[yellow]![/] {escape(note)}", highlight=False, soft_wrap=True)
+        for note in unannotated_notes(loaded, planned):
             console.print(f"[yellow]![/] {escape(note)}", highlight=False, soft_wrap=True)
         for problem in planned.problems[:SHOWN]:
             console.print(f"[red]✗[/] {escape(problem.error)}", highlight=False, soft_wrap=True)

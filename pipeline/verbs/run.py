@@ -85,6 +85,7 @@ def run(
 
 
 def _tell(loaded: Run, report: Report) -> None:
+    from b23d.pipeline.inspection.unannotated import unannotated_notes
     from b23d.pipeline.records.history import attach
     from b23d.pipeline.scheduling.progress import spared, stage_table
 
@@ -100,6 +101,9 @@ def _tell(loaded: Run, report: Report) -> None:
         done = f"nothing to do: {there}" if report.ok else "nothing could be done"
         reason = _no_targets(loaded, report) if report.ok else ""
         console.print(reason or done, highlight=False, markup=False, soft_wrap=True)
+    if report.plan is not None:
+        for note in unannotated_notes(loaded, report.plan):
+            console.print(f"[yellow]![/] {escape(note)}", highlight=False, soft_wrap=True)
     for hook in entry_points(group="b23d.after_run"):
         table = hook.load()(loaded, report, console)
         if table is not None:

@@ -12,6 +12,7 @@ from b23d.pipeline.verbs.terminal import Checking, console
 def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
     """Check every digest. Damaged artifacts are named with their shapes and removed, so that the next run makes them
     again."""
+    from b23d.pipeline.inspection.proposing import proposed
     from b23d.pipeline.inspection.upkeep import verify as find_damage
     from b23d.pipeline.run import Run
 
@@ -28,7 +29,7 @@ def verify(run: RunPath, set: Set = [], store: StoreUrl = None) -> None:
             )
     if count:
         console.print(
-            f"{count - kept} damaged artifacts removed; `b23d run {run}` makes them again"
+            f"{count - kept} damaged artifacts removed; `{proposed('run', loaded)}` makes them again"
             + (f"; {kept} could not be read or removed just now" if kept else ""),
             highlight=False,
             markup=False,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from b23d.pipeline.inspection.proposing import proposed
 from b23d.pipeline.run import Run
 from b23d.pipeline.verbs.options import RunPath, Set, StoreUrl
 
@@ -48,7 +50,7 @@ def annotate(
         console.print(f"saves to {session.path}; Ctrl+C here when done", highlight=False, markup=False, soft_wrap=True)
         if not session.own:
             hint = (
-                f"--set 'dataset.keypoints={session.path}'"
+                shlex.join(["--set", f"dataset.keypoints={session.path}"])
                 if not loaded.config.dataset.annotations_kept()
                 else "a data set made of that file"
             )
@@ -61,7 +63,8 @@ def annotate(
             server.serve_forever()
         except KeyboardInterrupt:
             console.print(
-                f"closed; b23d run {run} uses what was saved" if session.own else "closed",
+                f"closed; {proposed('run', loaded)} uses what was saved" if session.own else "closed",
+                markup=False,
                 highlight=False,
                 soft_wrap=True,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -72,18 +73,19 @@ def remarks(found: Survey) -> list[str]:
 
 
 def next_steps(found: Survey, path: Path) -> list[str]:
+    at = shlex.quote(str(path))
     if found.annotated:
-        lines = [f"next: b23d run {path}"]
+        lines = [f"next: b23d run {at}"]
         lacking = [each.name for each in found.classes if not each.annotated]
         if lacking:
             names = ", ".join(lacking[:SHOWN]) + (" …" if len(lacking) > SHOWN else "")
-            lines.append(f"      without annotations, {names} get features and no keypoints: b23d annotate {path}")
+            lines.append(f"      without annotations, {names} get features and no keypoints: b23d annotate {at}")
         return lines
     if found.dataset.kind == "shapenetpart":
-        return [f"next: b23d run {path} --set 'outputs=[\"score_parts\"]'   # transfers part labels"]
+        return [f"next: b23d run {at} --set 'outputs=[\"score_parts\"]'   # transfers part labels"]
     return [
-        f"next: b23d annotate {path}   # click keypoints on a few shapes of each class",
-        f"      b23d run {path}",
+        f"next: b23d annotate {at}   # click keypoints on a few shapes of each class",
+        f"      b23d run {at}",
     ]
 
 

@@ -12,9 +12,9 @@ from rich.table import Table
 
 from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.run import Report, Run
-from b23d.pipeline.runfile.config import feeding, needed_for
 from b23d.pipeline.verbs.options import Classes, RunPath, Set, Shapes, StoreUrl
 from b23d.schemas.wording import counted
+from b23d.stages.workbench.results.next_steps import next_steps, none_made
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,27 +43,25 @@ def keypoints(
     barycentrics, confidence (presuming that the shape is of its class), present, and of_class, the probability that it
     is."""
     from b23d.pipeline.inspection.artifact import passed_over
+    from b23d.pipeline.inspection.unannotated import unannotated_notes
     from b23d.stages.workbench.commands.table_files import check_suffix, write_table
     from b23d.stages.workbench.results.keypoints import keypoint_table
 
     console = Console()
     if out is not None:
         check_suffix(out)
-    loaded = Run.load(run, set, store)
+    loaded, chosen = Run.load(run, set, store), Selection(tuple(shape), tuple(category))
     draws = [seed for d in loaded.plan().draws for seed in [d.seed]] if all_draws else draw or None
     with console.status("reading") as status:
         found = keypoint_table(
             loaded,
-            Selection(tuple(shape), tuple(category)),
+            chosen,
             draws,
             lambda done, total: status.update(f"reading {done}/{total} shapes"),
         )
     table = found.table[found.table["present"]] if present else found.table
     if not len(found.table):
-        raise ValueError(
-            f"run {loaded.name}: expected predictions, got none made yet ({counted(found.waiting, 'shape')} without); "
-            f"b23d run {run} makes them"
-        )
+        raise ValueError(f"run {loaded.name}: expected predictions, got {none_made(loaded, chosen, found.waiting)}")
     if out is not None:
         out = passed_over(out, loaded)
         write_table(table, out)
@@ -75,7 +73,7 @@ def keypoints(
         wide.print(_table(table.head(SHOWN)))
         if len(table) > SHOWN:
             wide.print(f"… and {counted(len(table) - SHOWN, 'more row')}; -o FILE.csv writes them all", highlight=False)
-    for line in notes(found, draws is not None):
+    for line in [*notes(found, draws is not None), *unannotated_notes(loaded, loaded.plan(chosen))]:
         console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
 
 
@@ -97,21 +95,10 @@ def notes(found: FoundKeypoints, asked: bool) -> list[str]:
 
 
 def after_run(run: Run, report: Report, console: Console) -> None:
-    """What to do with what a run has made."""
-    if report.ok or report.done:
-        path = run.config.path
-        until, only = report.selection.until, report.selection.stages
-        ran = only or (needed_for(run.config, until) if until else run.config.stages)
-        if feeding(run.config.file, "optimize") in ran:
-            first = f"b23d keypoints {path} -o {run.name}.csv   the keypoints in your files' coordinates"
-        else:
-            first = f"b23d list {path}   what there is of each shape, for b23d show to open or to write"
-        console.print(
-            f"next: {first}\n      b23d report {path}   one page to look at them all",
-            highlight=False,
-            soft_wrap=True,
-            markup=False,
-        )
+    """What to do with what a run has made, or about what it lacks."""
+    for place, (command, gives) in enumerate(next_steps(run, report)):
+        line = f"{'      ' if place else 'next: '}{command}   # {gives}"
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 def _table(rows: pd.DataFrame) -> Table:
