@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from b23d.pipeline.errors import unreadable
 from b23d.schemas.artifact import Artifact
@@ -75,6 +75,9 @@ class Shape:
 
 class Dataset(Params):
     """Base of every `[dataset]` table. Path fields are made absolute by the run file's loader before validation."""
+
+    handed_over: ClassVar[bool] = False
+    """Whether its shapes are handed over in Python, so that a run file by itself has none."""
 
     kind: str
     up: Up = "y"

@@ -122,6 +122,7 @@ def test_match_on_the_command_line(here: Path) -> None:
     page = (here / "new" / "painted.html").read_text()
     assert "colours of what looks alike" in page and "<script src=" not in page
     command("match", "a.ply", "b.ply", "-o", "painted.glb", "--method", "consistent", *sets)
+    assert "would drop 0 artifacts" in command("gc", "--dry-run"), "what it stored is kept, and gc goes through"
     with pytest.raises(ValueError, match=r"expected a file of \.ply or \.glb"):
         command("match", "a.ply", "b.ply", "-o", "painted.stl", *sets)
 

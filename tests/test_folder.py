@@ -105,7 +105,7 @@ def test_folder_keypoints(tmp_path: Path) -> None:
     assert {name: shape.error for name, shape in shapes.items() if shape.error} == {
         "chair/lost": f"chair/lost: expected a mesh or cloud lost.* below {root}, got none; "
         f"add it, or drop its entry from {file}",
-        "sofa/b": f"b: expected class_id among chair, table in {file}, got 'sofa'; mend the annotation file",
+        "sofa/b": f"b: expected class_id among chair, table, which all have such a shape, got 'sofa'; say it in {file}",
         "chair/twice": f"chair/twice: expected one entry in {file}, got several; mend the annotation file",
     }
     assert read(shapes["table/b"].leaves["keypoints"]).ids.tolist() == [4, 7]
@@ -134,3 +134,12 @@ def test_links_are_followed_once(tmp_path: Path) -> None:
     shapes = by_name(Folder(root=root).shapes())
     assert list(shapes) == ["chair/a", "table/b", "table/loop"]
     assert shapes["table/loop"].error and "got a link back" in shapes["table/loop"].error
+
+
+@pytest.mark.parametrize("written", ["chair/a", "a.ply", "shapes/chair/a.obj", "shapes\\a"])
+def test_an_entry_that_names_a_file_or_class_as_well_is_told_what_was_meant(tmp_path: Path, written: str) -> None:
+    put(tmp_path, {"chair/a.ply": PLY_MESH, "keypoints.json": [entry(written, None)]})
+    (error,) = [shape.error for shape in Folder(root=tmp_path).shapes() if shape.error]
+    assert error.endswith(
+        f'model_id "a" in {tmp_path / "keypoints.json"} names it by its file, without folder and suffix'
+    )

@@ -30,6 +30,10 @@ def planned(path: Path) -> Run:
     return run
 
 
+def scored_in(run: Run) -> object:
+    return run.config.params["score"].model_dump()["units"]
+
+
 def test_a_flat_folder_gets_a_run_file_beside_it(here: Path) -> None:
     put(here, {f"my shapes/s{i}.ply": PLY_MESH for i in range(5)})
     output = b23d("init", "my shapes")
@@ -38,6 +42,7 @@ def test_a_flat_folder_gets_a_run_file_beside_it(here: Path) -> None:
     run = planned(here / "my-shapes.toml")
     assert [shape.name for shape in run.shapes] == [f"my shapes/s{i}" for i in range(5)]
     assert run.config.file.shots.count == 3 and run.config.file.shots.draws == [0]
+    assert scored_in(run) == "unit", "a folder's shapes may have any size"
 
 
 def test_it_goes_into_runs_where_there_is_one_and_nothing_is_overwritten(here: Path) -> None:
@@ -73,7 +78,8 @@ def test_shapenet_s_and_keypointnet_s_layouts_are_known(here: Path) -> None:
     )
     output = b23d("init", "kn", "-o", "kn.toml")
     assert 'kind = "keypointnet"' in output and "next: b23d run" in output
-    assert len(planned(here / "kn.toml").shapes) == 2
+    run = planned(here / "kn.toml")
+    assert len(run.shapes) == 2 and scored_in(run) == "dataset", "as published"
 
 
 def test_two_formats_of_every_shape_take_one(here: Path) -> None:

@@ -110,7 +110,8 @@ def reached(
 
 def _reached(path: Path, store: Store, as_written: bool) -> set[tuple[str, str]]:
     run, found = Run(load_config(path), _url(store)), set()
-    if Store(run.config.file.store.root).root == store.root or any(root.run_file == path for root in roots(store)):
+    uses = Store(run.config.file.store.root).root == store.root or any(root.run_file == path for root in roots(store))
+    if uses and not run.config.dataset.handed_over:
         found |= run.plan().reached()
         for member in members(run.config):
             with suppress(B23dError, OSError, ValueError):

@@ -231,7 +231,12 @@ class Folder(WithDamage, WithExternals):
             return (having[0], model), None
         key = (category if isinstance(category, str) and category and encodable(category) else self._flat(), model)
         if having:
-            expected = f"{model}: expected class_id among {', '.join(having)} in {path}, got {category!r}"
-            return key, f"{expected}; mend the annotation file"
+            got = "none" if category is None else repr(category)
+            expected = f"{model}: expected class_id among {', '.join(having)}, which all have such a shape, got {got}"
+            return key, f"{expected}; say it in {path}"
         expected = f"{'/'.join(key)}: expected a mesh or cloud {model}.* below {self.root}, got none"
+        meant = model.rsplit("/", 1)[-1].rsplit("\\", 1)[-1]
+        meant = meant if meant in categories else meant.rsplit(".", 1)[0]
+        if meant in categories:
+            return key, f'{expected}; model_id "{meant}" in {path} names it by its file, without folder and suffix'
         return key, f"{expected}; add it, or drop its entry from {path}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import PrivateAttr
@@ -22,6 +22,8 @@ CATEGORY = "given"
 @dataset("given")
 class GivenShapes(Dataset):
     """The shapes of `b23d.features` and `b23d.match`."""
+
+    handed_over: ClassVar[bool] = True
 
     kind: Literal["given"] = "given"
 

@@ -30,7 +30,12 @@ draws = [0]   # one choice of shots; [0, 1, 2, 3, 4] takes five in turn, and sco
 
 [stages.extract]
 # encoder = "dinov2-small"   # better, where there is network; the default's weights come along
+{scoring}"""
+SCORING = """
+[stages.score]
+units = "unit"   # thresholds are shares of a shape's longest side; "dataset": in the files' units, as benchmarks count
 """
+"""Of a folder of one's own, whose shapes may have any size; data sets of known layouts are scored as published."""
 
 
 def run_file_text(found: Survey, name: str, beside: Path) -> str:
@@ -47,6 +52,7 @@ def run_file_text(found: Survey, name: str, beside: Path) -> str:
         settings="".join(lines.values()),
         count=shots(found),
         example=_toml(found.classes[0].name),
+        scoring=SCORING if found.dataset.kind == "folder" else "",
     )
 
 
