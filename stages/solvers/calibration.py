@@ -58,8 +58,8 @@ def fitted(
 
 NEARNESS = LogisticMap(-1.4, 0.4)
 """From the posterior's mass within .05 of a chosen point to the probability that the keypoint is there: mean over
-KeypointNet's airplanes, bathtubs and beds of each class's own map (3 shots, 3 draws, saliency ViT-S/14, every third
-target)."""
+KeypointNet's airplanes, bathtubs and beds of each class's own map (3 shots, 3 draws, block 9 of the saliency ViT-S/14,
+every third target)."""
 SHARE = 0.1
 """Of each keypoint of a held-out shot as an observation: those of one shape are right or wrong together. When
 it was chosen, the expected calibration error of these classes, each by the others' map, was .135, .098 and .138; with

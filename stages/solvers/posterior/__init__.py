@@ -6,6 +6,7 @@ they are, and which there are, is expected from the shots most like the target; 
 that its own surface carries their keypoints along; each keypoint is put where the posterior expects most hits, not at
 its mode; and there the shots' own neighbourhoods of it say where within that.
 
-On KeypointNet's bathtubs and beds (3 draws, saliency ViT-S/14) AUC is .43, .48, .58, .62 and .66 with 1, 3, 10,
-25 and 50 shots; one mean of all shots for all targets gave .42, .47, .53, .56 and .60.
+On KeypointNet's bathtubs and beds (3 draws, block 9 of the saliency ViT-S/14) AUC is .43, .48, .58, .63 and .67 with
+1, 3, 10, 25 and 50 shots; one mean of all shots for all targets gave .42, .47, .53, .56 and .60. By block 6 it is .44,
+.49, .58 and .63 up to 25.
 """
