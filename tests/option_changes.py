@@ -29,7 +29,7 @@ def under(table: str, options: dict[str, tuple[dict[str, Any], Any]], **beside: 
 
 
 CASES: dict[str, dict[str, tuple[dict[str, Any], Any]]] = {
-    "annotation": {"warn": ({}, 0.09), "refuse": ({}, 0.03)},
+    "annotation": {"warn": ({}, 0.09), "refuse": ({}, 0.03), "together": ({}, 3.0)},
     "apply_head": {"separation": ({}, 0.6)},
     "backproject": {
         "visibility": ({}, "face"),

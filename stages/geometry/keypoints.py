@@ -10,6 +10,8 @@ from b23d.schemas.shape import NormalizedShape
 
 FARTHEST = 1e9
 """Keypoints farther than this, in longest sides, have no known cause; much farther, their squares overflow."""
+TOLD, LOOSE = 5.0, 10.0
+"""Keypoints within so many times `together` are told; within so many, refused if a mistake explains it exactly."""
 MEND = "mend the annotation file, or raise stages.annotation.refuse"
 
 
@@ -50,14 +52,14 @@ def keypoint_candidates(keypoints: Keypoints, shape: NormalizedShape, name: str 
 
 
 def check_annotation(
-    keypoints: Keypoints, shape: NormalizedShape, warn: float, refuse: float
+    keypoints: Keypoints, shape: NormalizedShape, warn: float, refuse: float, together: float
 ) -> tuple[npt.NDArray[np.float32], list[str]]:
     """Each keypoint's distance from the surface (k,), and what is odd: keypoints farther than `warn`, unit frame.
 
     Distances below `warn` may be upper bounds. Of a cloud, its spacing is allowed besides. Raises ValueError where one
     is farther than `refuse`, or where one known mistake explains exactly why some are farther than `warn`: the worst
-    keypoint, its distance and the likely cause; and where a point index lies beyond the cloud, or farther than `refuse`
-    from the keypoint.
+    keypoint, its distance and the likely cause; where the keypoints lie all `together`; and where a point index lies
+    beyond the cloud, or farther than `refuse` from the keypoint.
     """
     check_keypoints(keypoints, shape)
     if not len(keypoints.ids):
@@ -73,6 +75,7 @@ def check_annotation(
         )
     distances = _surface_distances(unit, shape, warn + slack)
     warnings = _on_surface(keypoints, shape, distances, warn + slack, refuse + slack)
+    warnings += _apart(keypoints, shape, together, told=bool(warnings))
     warnings += _as_indexed(keypoints, shape, warn + spacing, refuse + spacing)
     return distances.astype(np.float32), warnings
 
@@ -91,8 +94,11 @@ def _on_surface(
     reason, exact = _likely(keypoints, shape, beyond, float(distances[worst]))
     told = f"expected keypoints on the shape's surface, got {got}; {reason}"
     if distances[worst] > refuse or exact:
-        limit = "warn" if exact else "refuse"  # what one mistake explains exactly is refused from `warn` on
-        raise ValueError(f"{told}; mend the annotation file, or raise stages.annotation.{limit}")
+        if not exact:
+            raise ValueError(f"{told}; {MEND}")
+        # What one mistake explains exactly is refused from `warn` on, and `warn` may not be above `refuse`.
+        limits = "refuse and stages.annotation.warn" if distances[worst] > refuse else "warn"
+        raise ValueError(f"{told}; mend the annotation file, or raise stages.annotation.{limits}")
     return [told]
 
 
@@ -108,6 +114,36 @@ def _likely(keypoints: Keypoints, shape: NormalizedShape, beyond: np.ndarray, wo
     if found is not None:
         return f"likely {found.words}", exact
     return "no unit, frame or order of axes explains it: is it another shape's annotation?", False
+
+
+def _apart(keypoints: Keypoints, shape: NormalizedShape, together: float, told: bool) -> list[str]:
+    """Whether the keypoints are apart: too small by far, they all fall where the shape's origin is, and if it stands
+    there, that is on its surface.
+
+    Three and more that lie together are refused, and more than three within `LOOSE` times that if one mistake explains
+    exactly why they do. Two that lie together are told, and three and more within `TOLD` times that.
+    """
+    from b23d.stages.geometry.misplaced import EXACT, cause
+
+    unit = shape.to_unit(keypoints.positions)
+    k, reach = len(unit), float(np.ptp(unit, axis=0).max())
+    refused = k > 2 and reach < together
+    if k < 2 or not (reach < together or (reach < LOOSE * together and k > 2 and not told)):
+        return []
+    found = cause(keypoints.positions, shape, _dense(shape))
+    if not refused and k > 3 and found is not None and found.single:
+        refused = found.distance <= min(EXACT, float(_surface_distances(unit, shape, 0.0).max()) / 4)
+    if not refused and k > 2 and reach >= TOLD * together:
+        return []
+    at = ", ".join(f"{c:.6g}" for c in keypoints.positions[0])
+    likely = f"likely {found.words}" if found else "are they in another unit or frame?"
+    words = (
+        f"expected keypoints apart from each other, got all {k} within {_sides(reach)}, keypoint {keypoints.ids[0]} at "
+        f"({at}); {likely}"
+    )
+    if refused:
+        raise ValueError(f"{words}; mend the annotation file, or lower stages.annotation.together")
+    return [f"{words}; if they are meant to, lower stages.annotation.together"]
 
 
 def _as_indexed(keypoints: Keypoints, shape: NormalizedShape, warn: float, refuse: float) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -17,6 +17,8 @@ UNITS = {
     1 / 0.0254: "inches for metres", 25.4: "millimetres for inches", 2.54: "centimetres for inches",
     1 / 0.3048: "feet for metres", 12.0: "inches for feet", 304.8: "millimetres for feet",
 }  # fmt: skip
+UP = {(1, 1, -1): "z up for y up", (1, -1, 1): "y up for z up"}
+"""Signs of (x, z, y) that turn one into the other → what was mixed up."""
 EXACT = 0.005
 """A mistake explains an annotation exactly if, undone, it brings every keypoint this near, unit frame."""
 FITS = 0.02
@@ -26,6 +28,15 @@ SPREAD = 0.1
 STEPS = 20  # of fitting an offset
 
 
+FLOOR = 0.003
+"""Mistakes that bring all keypoints this near explain them equally, unit frame: files round."""
+AS_WELL, TIE = 3.0, 1.5
+"""A simpler mistake is preferred up to so many times worse; of equally simple ones, the one tried first."""
+DOUBT = 3.0
+"""So many times better must fit what has free numbers, or is two mistakes at once: such fits by chance, too."""
+FEW = 6  # of a kind of mistake are measured exactly
+
+
 @dataclass(frozen=True)
 class Cause:
     words: str
@@ -33,33 +44,49 @@ class Cause:
     """Of the farthest keypoint, once undone; unit frame."""
     single: bool
     """One mistake without a free number: it hardly fits by chance, as an offset, or two mistakes, can."""
+    reach: float = 1.0
+    """Longest side of the keypoints' box, once undone, of at most 1; unit frame."""
+
+    @property
+    def misfit(self) -> float:
+        """Distance for reach: drawn together, keypoints are near any surface."""
+        return max(self.distance, FLOOR) / self.reach
+
+    @property
+    def doubt(self) -> float:
+        return self.misfit * (1.0 if self.single else DOUBT)
 
 
 def cause(positions: npt.NDArray[np.float64], shape: NormalizedShape, surface: npt.NDArray[np.float64]) -> Cause | None:
-    """The simplest mistake that explains the keypoints' positions (k, 3), source frame; None where none does, or there
-    are too few to tell.
+    """The mistake that explains the keypoints' positions (k, 3), source frame, best; of those that do about as well,
+    the simplest. None where none does, or there are too few to tell.
 
     surface: (n, 3) places on the shape, dense, unit frame.
     """
     if len(positions) < 3:
         return None
     tree = cKDTree(surface)
-    scaled = _best(_units(), positions, shape, tree, single=True)
-    ratio = _best(_ratios(positions, shape), positions, shape, tree, single=False)
-    tiers = [
-        lambda: scaled if scaled.distance < 3 * ratio.distance else ratio,
-        lambda: _best(_turns(), positions, shape, tree, single=True),
-        lambda: _best(_frames(shape), positions, shape, tree, single=True),
-        lambda: _best(_both(list(_units())), positions, shape, tree, single=False),
-        lambda: _best(_both(list(_frames(shape))), positions, shape, tree, single=False),
-        lambda: ratio,
-        lambda: _offset(positions, shape, tree),
+    units, frames = list(_units()), list(_frames(shape))
+    kinds: list[tuple[Iterable[Mistake], bool]] = [
+        (units, True), (_turns(), True), (frames, True),
+        (_ratios(positions, shape), False), (_both(units), False), (_both(frames), False),
+    ]  # fmt: skip
+    near = [_near(tried, positions, shape, tree) for tried, _ in kinds]
+    exactly = iter(_distances(near, shape))
+    found = [
+        _first([Cause(one.words, next(exactly), single, one.reach) for one in some])
+        for some, (_, single) in zip(near, kinds, strict=True)
     ]
-    return next((found for tier in tiers if (found := tier()).distance <= FITS), None)
+    if _reach(shape.to_unit(positions)) >= SPREAD:
+        found.append(_offset(positions, shape, tree))
+    fitting = [one for one in found if one is not None and one.distance <= FITS]
+    least = min((one.doubt for one in fitting), default=0.0)
+    return next((one for one in fitting if one.doubt <= AS_WELL * least), None)
 
 
 Undo = Callable[[np.ndarray], np.ndarray]
 """Positions (k, 3) as they were annotated → as they would be without the mistake, source frame."""
+Mistake = tuple[str, Undo]
 
 
 def _times(factor: float) -> Undo:
@@ -74,22 +101,49 @@ def _then(first: Undo, second: Undo) -> Undo:
     return lambda p: second(first(p))
 
 
-def _best(
-    tier: Iterator[tuple[str, Undo]], positions: np.ndarray, shape: NormalizedShape, tree: cKDTree, single: bool
-) -> Cause:
-    """Of equally near ones the first."""
-    tried = [Cause(words, _farthest(tree, shape, undo(positions)), single) for words, undo in tier]
-    return min(tried, key=lambda one: one.distance)
+@dataclass(frozen=True)
+class _Undone:
+    words: str
+    unit: np.ndarray
+    reach: float
+    distance: float
 
 
-def _farthest(tree: cKDTree, shape: NormalizedShape, positions: np.ndarray) -> float:
-    unit = shape.to_unit(positions)
-    if np.ptp(unit, axis=0).max() < SPREAD or not np.isfinite(unit).all():
-        return np.inf
-    return float(tree.query(unit)[0].max())
+def _near(tried: Iterable[Mistake], positions: np.ndarray, shape: NormalizedShape, tree: cKDTree) -> list[_Undone]:
+    """Those that bring the keypoints near the surface, in the order tried; of many the `FEW` that do it best."""
+    found = []
+    for words, undo in tried:
+        unit = shape.to_unit(undo(positions))
+        if SPREAD <= (reach := _reach(unit)) < np.inf and (distance := float(tree.query(unit)[0].max())) <= FITS:
+            found.append(_Undone(words, unit, min(reach, 1.0), distance))
+    best = sorted(range(len(found)), key=lambda i: found[i].distance / found[i].reach)[:FEW]
+    return [found[i] for i in sorted(best)]
 
 
-def _units() -> Iterator[tuple[str, Undo]]:
+def _distances(near: list[list[_Undone]], shape: NormalizedShape) -> list[float]:
+    """Of the farthest keypoint of each, one kind after another: from the faces, where there are some."""
+    every = [one for some in near for one in some]
+    if not every or not len(shape.faces):
+        return [one.distance for one in every]
+    from b23d.stages.geometry.nearest import nearest_on_faces
+
+    places = np.concatenate([one.unit for one in every])
+    exact = nearest_on_faces(places, shape.vertices.astype(np.float64), shape.faces)[1]
+    farthest = exact.reshape(len(every), -1).max(axis=1)
+    return [min(float(far), one.distance) for far, one in zip(farthest, every, strict=True)]
+
+
+def _first(found: list[Cause]) -> Cause | None:
+    """Of about equally good ones the first."""
+    least = min((one.misfit for one in found), default=0.0)
+    return next((one for one in found if one.misfit <= TIE * least), None)
+
+
+def _reach(unit: np.ndarray) -> float:
+    return float(np.ptp(unit, axis=0).max()) if np.isfinite(unit).all() else np.inf
+
+
+def _units() -> Iterator[Mistake]:
     for factor, units in UNITS.items():
         yield f"scaled ×{factor:.4g} ({units})", _times(1 / factor)
         one, _, other = units.partition(" for ")
@@ -99,11 +153,16 @@ def _units() -> Iterator[tuple[str, Undo]]:
         yield f"scaled ×{1 / factor:.4g}", _times(factor)
 
 
-def _turns() -> Iterator[tuple[str, Undo]]:
-    """Axes in another order or direction; the fewest changes of direction first."""
+def _turns() -> Iterator[Mistake]:
+    """Axes in another order or direction: up mixed up, as converters do it; then the fewest changes of direction first.
+
+    Of shapes that are their own mirror images, several fit.
+    """
+    for up, words in UP.items():
+        yield f"axes in another order, {words}: {_right((0, 2, 1), up)}", _reordered((0, 2, 1), up)
     signs = sorted(product((1, -1), repeat=3), key=lambda s: s.count(-1))
     for sign, order in product(signs, permutations(range(3))):
-        if order == (0, 1, 2) and sign == (1, 1, 1):
+        if (order == (0, 1, 2) and sign == (1, 1, 1)) or (order == (0, 2, 1) and sign in UP):
             continue
         yield _axes(order, sign), _reordered(order, sign)
 
@@ -116,11 +175,15 @@ def _axes(order: tuple[int, ...], sign: tuple[int, ...]) -> str:
     if not moved:
         mirrored = " and ".join("xyz"[axis] for axis in range(3) if sign[axis] < 0)
         return f"{mirrored} mirrored"
+    return f"axes in another order: {_right(order, sign)}"
+
+
+def _right(order: tuple[int, ...], sign: tuple[int, ...]) -> str:
     read = ", ".join(f"{'-' if s < 0 else ''}{'xyz'[axis]}" for axis, s in zip(order, sign, strict=True))
-    return f"axes in another order: right as ({read})"
+    return f"right as ({read})"
 
 
-def _frames(shape: NormalizedShape) -> Iterator[tuple[str, Undo]]:
+def _frames(shape: NormalizedShape) -> Iterator[Mistake]:
     """Normalised frames in use, undone into the source frame."""
     points = shape.vertices[np.unique(shape.faces)] if len(shape.faces) else shape.vertices
     source = shape.to_source(points.astype(np.float64))
@@ -139,12 +202,12 @@ def _frames(shape: NormalizedShape) -> Iterator[tuple[str, Undo]]:
     yield "in a frame that stands on 0", lambda p: p + np.array([middle[0], low[1], middle[2]])
 
 
-def _both(first: list[tuple[str, Undo]]) -> Iterator[tuple[str, Undo]]:
+def _both(first: list[Mistake]) -> Iterator[Mistake]:
     for (words, undo), (axes, turn) in product(first, list(_turns())):
         yield f"{words}, and {axes}", _then(turn, undo)
 
 
-def _ratios(positions: np.ndarray, shape: NormalizedShape) -> Iterator[tuple[str, Undo]]:
+def _ratios(positions: np.ndarray, shape: NormalizedShape) -> Iterator[Mistake]:
     """A factor of no known unit: that of how far keypoints and surface reach from the origin."""
     source = shape.to_source(shape.points.astype(np.float64))
     for axis in range(3):
@@ -170,4 +233,4 @@ def _offset(positions: np.ndarray, shape: NormalizedShape, tree: cKDTree) -> Cau
     away = shape.to_source(np.zeros(3)) - shape.to_source(best[1])
     digits = 2 - int(np.floor(np.log10(shape.scale)))
     x, y, z = (round(float(c), digits) + 0.0 for c in away)
-    return Cause(f"offset by ({x:g}, {y:g}, {z:g})", best[0], single=False)
+    return Cause(f"offset by ({x:g}, {y:g}, {z:g})", best[0], False, min(_reach(unit), 1.0))
