@@ -18,6 +18,8 @@ from pathlib import Path
 from b23d.pipeline.address import canonical_json, sha256
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import ArtifactNotFoundError, RunFileError
+from b23d.pipeline.planning.absent import why_absent
+from b23d.pipeline.planning.hinting import hint
 from b23d.pipeline.planning.making import Accepting, make_plan
 from b23d.pipeline.planning.nodes import Node, State
 from b23d.pipeline.planning.plan import Plan
@@ -136,7 +138,7 @@ class Run:
         """The plan's node of (shape, stage)."""
         stage = feeding(self.config.file, stage) if isinstance(stage, str) else stage
         if not isinstance(stage, str) or stage not in self.config.stages:
-            raise KeyError(f"stage: expected one of {', '.join(self.config.stages)}, got {stage!r}; check the name")
+            raise KeyError(self._no_stage(stage))
         found = [
             node
             for (s, name, d), node in self._plan.by_shape.items()
@@ -144,14 +146,13 @@ class Run:
         ]
         if not found:
             having = sorted({name for s, name, d in self._plan.by_shape if s == stage and draw in (None, d)})
-            names = [name for name in having if str(shape) in name]
-            if any(s.name == shape for s in self.shapes):
-                hint = "a shot has no prediction in its own draw, and no score without keypoints"
+            known = next((each for each in self.shapes if each.name == shape), None)
+            if known is None:
+                example = f"for example {having[0]!r}" if having else "none has"
+                why = hint(shape, having, hint(shape, [each.name for each in self.shapes], example))
             else:
-                hint = (
-                    f"did you mean {names[0]!r}?" if names else f"for example {having[0]!r}" if having else "none has"
-                )
-            raise KeyError(f"shape: expected one of run {self.name} that has {stage}, got {shape!r}; {hint}")
+                why = why_absent(self._plan, known, stage, draw)
+            raise KeyError(f"shape: expected one of run {self.name} that has {stage}, got {shape!r}; {why}")
         present = [node for node in found if node.state is State.CACHED]
         return (present or found)[0]
 
@@ -159,7 +160,7 @@ class Run:
         """(shape, draw, artifact) of everything a stage has made in this run. Raises KeyError where there is no such
         stage."""
         if not isinstance(stage, str) or feeding(self.config.file, stage) not in load_stages_once():
-            raise KeyError(f"stage: expected one of {', '.join(self.config.stages)}, got {stage!r}; check the name")
+            raise KeyError(self._no_stage(stage))
         stage = feeding(self.config.file, stage)
         shapes = {shape.name: shape for shape in self.shapes}
         for (name, shape, draw), node in self._plan.by_shape.items():
@@ -168,6 +169,10 @@ class Run:
                     yield shapes[shape], draw, self.store.read(stage, node.address, self.config.stages[stage].gives)
                 except ArtifactNotFoundError:
                     continue
+
+    def _no_stage(self, stage: object) -> str:
+        near = hint(str(stage), list(self.config.stages), "check the name")
+        return f"stage: expected one of {', '.join(self.config.stages)}, got {stage!r}; {near}"
 
     @cached_property
     def _plan(self) -> Plan:

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 import trimesh
 
+from b23d.pipeline.inspection.listing import list_shapes
 from b23d.pipeline.inspection.proposing import proposed
 from b23d.pipeline.planning.selection import Selection
 from b23d.pipeline.records.history import records
@@ -113,3 +114,27 @@ def test_where_nothing_can_be_predicted_annotating_is_proposed(tmp_path: Path) -
     annotations.write_text(kept[:-9])  # cut off: annotating would not help
     broken = b23d("run", str(path), "--workers", "0", code=1)
     assert not any("annotate" in command or "keypoints" in command for command in next_lines(broken))
+
+
+def test_a_shape_of_a_class_without_annotations_is_told_of(folder: Path) -> None:
+    """In the list, where its keypoints are asked for, and in the report."""
+    path = str(folder / "boxes.toml")
+    lack = "class mugs: no annotated shapes, so no keypoints are predicted"
+    listed = {row.shape: row.lack for row in list_shapes(Run.load(path))}
+    assert {name for name, told in listed.items() if told == lack} == {"mugs/mug0", "mugs/mug1"}
+    assert not any(told for name, told in listed.items() if name.startswith("box/"))
+    for verb in ("show", "explain"):
+        with pytest.raises(KeyError, match=lack):
+            b23d(verb, path, "mugs/mug0", "optimize")
+    shot = next(row.shape for row in list_shapes(Run.load(path)) if row.shot)
+    with pytest.raises(KeyError, match="it is a shot of draw 0, and a shot has no prediction in its own draw"):
+        b23d("show", path, shot, "optimize")
+    b23d("report", path, "--set", DISCRETE)
+    page = (folder / "boxes" / "report.html").read_text()
+    assert lack in page and "2 unpredicted" in page and "all done" not in page
+
+
+def test_a_class_with_too_few_shots_is_not_done_either(tmp_path: Path) -> None:
+    run = Run.load(make_boxes(tmp_path, 3), ["shots.count=9"])
+    assert all(row.lack.startswith("class box: expected 9 annotated shapes") for row in list_shapes(run))
+    assert not any(row.lack for row in list_shapes(Run.load(run.config.path, ["outputs=['reweight']"])))

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from b23d.pipeline.errors import SelectionError
+from b23d.pipeline.planning.hinting import hint
 from b23d.pipeline.planning.nodes import Node, State
 from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.planning.selection import EVERYTHING, Selection
@@ -28,6 +29,8 @@ class ListedShape:
     """Stage → state."""
     bytes: int
     error: str = ""
+    lack: str = ""
+    """Why nothing is predicted of its class, if so."""
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -66,6 +69,7 @@ def list_shapes(run: Run, selection: Selection = EVERYTHING) -> list[ListedShape
     nodes: dict[str, dict[str, list[Node]]] = defaultdict(lambda: defaultdict(list))
     for (stage, name, _), node in plan.by_shape.items():
         nodes[name][stage].append(node)
+    lacks = {category: plan.no_shots(category) for category in {shape.category for shape in run.shapes}}
     listed = []
     for shape in run.shapes:
         if shape.name in chosen:
@@ -75,7 +79,8 @@ def list_shapes(run: Run, selection: Selection = EVERYTHING) -> list[ListedShape
             error = shape.error or next((errors[n.address] for n in _distinct(of) if n.address in errors), "")
             worst = "failed" if shape.error else _worst(states.values())
             annotated = "keypoints" in shape.leaves
-            listed.append(ListedShape(shape.name, worst, annotated, shots[shape.name], states, size, error))
+            lack = "" if shape.error else lacks[shape.category]
+            listed.append(ListedShape(shape.name, worst, annotated, shots[shape.name], states, size, error, lack))
     return listed
 
 
@@ -83,7 +88,8 @@ def list_artifacts(run: Run, stage: str, selection: Selection = EVERYTHING) -> l
     """Every artifact of a stage that the selected shapes have. Raises SelectionError where there is no such stage."""
     name = feeding(run.config.file, stage)
     if name not in run.config.stages:
-        raise SelectionError(f"stage: expected one of {', '.join(run.config.stages)}, got {stage!r}; check the name")
+        near = hint(stage, list(run.config.stages), "check the name")
+        raise SelectionError(f"stage: expected one of {', '.join(run.config.stages)}, got {stage!r}; {near}")
     plan, chosen = run.plan(), selection.targets(run.shapes)
     known = {address: (seconds, size) for address, seconds, size, _ in run.index.history(name)}
     errors = _errors(run, plan)

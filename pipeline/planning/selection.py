@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 
 from b23d.pipeline.dataset import Shape
 from b23d.pipeline.errors import SelectionError, reason
+from b23d.pipeline.planning.hinting import hint
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Selection:
         asked = [*self.stages, *([self.until] if self.until else [])]
         for name in asked:
             if name not in known:
-                raise SelectionError(f"stage: expected one of {', '.join(known)}, got {name!r}; {_hint(name, known)}")
+                raise SelectionError(f"stage: expected one of {', '.join(known)}, got {name!r}; {hint(name, known)}")
 
 
 EVERYTHING = Selection()
@@ -124,10 +124,5 @@ def _matches(pattern: str, *names: str) -> bool:
 def _check(patterns: Iterable[str], names: Sequence[str], option: str) -> None:
     for pattern in patterns:
         if not any(_matches(pattern, name) for name in names):
-            hint = _hint(pattern, names)
-            raise SelectionError(f"{option}: expected a name or glob of the data set, got {pattern!r}; {hint}")
-
-
-def _hint(name: str, known: Sequence[str]) -> str:
-    close = difflib.get_close_matches(name, known, 1)
-    return f"did you mean {close[0]!r}?" if close else f"for example {known[0]!r}" if known else "there are none"
+            near = hint(pattern, names)
+            raise SelectionError(f"{option}: expected a name or glob of the data set, got {pattern!r}; {near}")

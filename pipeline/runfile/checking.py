@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from b23d.pipeline.errors import RunFileError
 from b23d.pipeline.runfile.overrides import SHOWN, said
-from b23d.schemas.params import Params, choice_of, homes
+from b23d.schemas.params import Params, choice_of, flat, homes
 from b23d.schemas.wanted import wanted
 
 P = TypeVar("P", bound=Params)
@@ -68,7 +68,9 @@ def _line(model: type[BaseModel], problem: Any, place: Where, above: Mapping[str
     if problem["type"] == "extra_forbidden":
         name = str(problem["loc"][-1])
         elsewhere = _belongs(table, name, place.name) if table else None
-        if above:
+        if not place.name and len(problem["loc"]) == 1:
+            elsewhere = elsewhere or _of_stages(name, problem["input"], table, above)
+        elif place.name and above:
             given = problem["input"] if isinstance(problem["input"], dict) else {}
             tables = {place.name: model, **above}
             elsewhere = elsewhere or next(filter(None, (_lives(str(one), tables) for one in (name, *given))), None)
@@ -105,7 +107,7 @@ def _belongs(model: type[BaseModel], name: str, stage: str) -> str | None:
     owners = ", ".join(
         dict.fromkeys(str(choice[1]) if choice else home[0] for choice, home in zip(choices, found, strict=True))
     )
-    return f"{name} belongs to {of}{owners}: set {stage}.{'.'.join(found[0])}"
+    return f"{name} belongs to {of}{owners}: set {'.'.join(filter(None, (stage, *found[0])))}"
 
 
 def _lives(name: str, tables: Mapping[str, type[BaseModel]]) -> str | None:
@@ -114,6 +116,19 @@ def _lives(name: str, tables: Mapping[str, type[BaseModel]]) -> str | None:
         if found := [(name,)] * (name in table.model_fields) or homes(table, name):
             return f"{name} belongs to {where}: set {where}.{'.'.join(found[0])}"
     return None
+
+
+def _of_stages(
+    name: str, given: Any, file: type[BaseModel] | None, stages: Mapping[str, type[BaseModel]]
+) -> str | None:
+    """Where a key belongs that the file has no table for: a stage, or a field of one, said without `stages.`; None
+    where it is like a table of the file, or like nothing."""
+    near = difflib.get_close_matches(name, file.model_fields if file else (), 1)
+    stage = difflib.get_close_matches(f"stages.{name}", [] if near else stages, 1, 0.8)
+    if f"stages.{name}" in stages or stage:
+        inner = next((f".{key}" for key in flat(given)), "") if isinstance(given, dict) else ""
+        return f"did you mean '{f'stages.{name}' if f'stages.{name}' in stages else stage[0]}{inner}'?"
+    return None if near else _lives(name, stages)
 
 
 def _table_at(model: type[BaseModel], location: Iterable[Any]) -> type[BaseModel] | None:

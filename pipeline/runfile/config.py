@@ -56,7 +56,7 @@ def load_config(path: str | Path, overrides: Iterable[str] = ()) -> Config:
     place_store(tables, path, f"{said} root" if said == str(store) else said)
     if "outputs" not in tables:
         tables["outputs"] = default_outputs()
-    file = validate(RunFile, tables, place)
+    file = validate(RunFile, tables, place, {f"stages.{name}": stage.params for name, stage in installed.items()})
     dataset = _dataset(file, place)
     stages = _needed(file, installed, dataset.lacks(), place)
     for name in file.stages:

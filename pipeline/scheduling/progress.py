@@ -12,11 +12,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn
 from rich.table import Table
 
 from b23d.pipeline.planning.draws import draw_notes
+from b23d.pipeline.planning.nodes import MISSING, State
 from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.scheduling.execution import Report
 from b23d.pipeline.scheduling.stopping import Stopped
 from b23d.pipeline.scheduling.tally import Tally, span
 from b23d.pipeline.scheduling.tasks import Outcome, Task
+from b23d.pipeline.storage.index import Failure
 
 EVERY = 20.0  # seconds between lines where there is no terminal
 LATER = 60.0  # and after ten of them
@@ -25,9 +27,11 @@ LATER = 60.0  # and after ten of them
 class RunProgress:
     """Watches `Run.execute`. Use as a context manager; `start` and `watch` are its callbacks."""
 
-    def __init__(self, console: Console, every: float = EVERY, verbose: bool = False) -> None:
-        """`verbose`: every task gets a line when it is done."""
-        self.console, self.verbose = console, verbose
+    def __init__(self, console: Console, every: float = EVERY, verbose: bool = False, tracebacks: bool = False) -> None:
+        """`verbose`: every task gets a line when it is done; `tracebacks`: what failed is told with its own."""
+        self.console, self.verbose, self.tracebacks = console, verbose, tracebacks
+        self.told: set[tuple[str, str]] = set()
+        """(stage, address) of what has been said to have failed."""
         self.tally = Tally()
         self._bars = _Bars(console) if console.is_terminal else None
         self._every, self._ended = every, threading.Event()
@@ -60,12 +64,22 @@ class RunProgress:
     def watch(self, plan: Plan, what: Outcome | Task) -> None:
         self.tally.hear(what)
         if isinstance(what, Outcome) and what.failure is not None:
-            self.console.print(f"[red]✗[/] {what.stage}: {escape(what.failure.error)}", highlight=False)
+            self.fail(what.failure)
         elif isinstance(what, Outcome) and self.verbose:
             line = f"{what.stage} of {what.shape}: {what.seconds:.2f} s, {what.peak_mb:.0f} MB"
             self.console.print(line, highlight=False, markup=False, soft_wrap=True)
         if self._bars is not None:
             self._bars.show(self.tally, what.stage)
+
+    def fail(self, failure: Failure) -> None:
+        """Say what failed, once."""
+        if self.console.quiet or (failure.stage, failure.address) in self.told:
+            return
+        if failure.address != MISSING:  # of what has no address there may be several
+            self.told.add((failure.stage, failure.address))
+        self.console.print(f"[red]✗[/] {failure.stage}: {escape(failure.error)}", highlight=False, soft_wrap=True)
+        if self.tracebacks and failure.traceback:
+            self.console.print(failure.traceback, highlight=False, markup=False)
 
     def _tell(self) -> None:
         lines = 0
@@ -116,6 +130,18 @@ def spared(report: Report) -> str:
         return ""
     seconds = sum(outcome.seconds for outcome in report.spared)
     return f"{len(report.spared)} spared ({seconds:,.1f} s): what they are made of came out as it was"
+
+
+def failed(report: Report) -> str:
+    """How much failed, and what became of the rest, in words; empty where nothing did."""
+    if report.ok:
+        return ""
+    counts = [
+        f"{number} {word}" for number, word in ((len(report.failures), "failed"), (report.blocked, "blocked")) if number
+    ]
+    there = report.plan is not None and any(node.state is State.CACHED for node in report.plan.nodes.values())
+    rest = "the rest is done" if there else "nothing could be done"
+    return f"{', '.join(counts)}; {rest}. The next run retries only what failed"
 
 
 def stage_table(report: Report) -> Table:

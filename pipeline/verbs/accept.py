@@ -28,13 +28,15 @@ def accept(
     """ "The new version gives the same, by my word": links what older versions made, without recomputing."""
     from b23d.pipeline.inspection.proposing import proposed
     from b23d.pipeline.planning import acceptance
+    from b23d.pipeline.planning.hinting import hint
     from b23d.pipeline.planning.nodes import State
     from b23d.pipeline.run import Run
 
     loaded = Run.load(run, set, store)
     installed = loaded.config.stages.get(stage)
     if installed is None:
-        raise ValueError(f"stage: expected one of {', '.join(loaded.config.stages)}, got {stage!r}; check the name")
+        near = hint(stage, list(loaded.config.stages), "check the name")
+        raise ValueError(f"stage: expected one of {', '.join(loaded.config.stages)}, got {stage!r}; {near}")
     version = installed.version
     if revoke:
         loaded.open_to_write()

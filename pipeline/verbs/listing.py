@@ -70,7 +70,8 @@ def shapes_table(rows: list[ListedShape]) -> Table:
     table.add_column("what is wrong, or missing", overflow="fold")
     for row in rows:
         missing = [name for name, state in row.stages.items() if state == "waiting"]
-        note = row.error or (f"to run: {', '.join(missing)}" if missing else "")
+        waiting = f"to run: {', '.join(missing)}" if missing else ""
+        note = row.error or "; ".join(filter(None, (waiting, row.lack)))
         style = STYLES.get(row.state, "")
         draws = ", ".join(map(str, row.shot)) or "·"
         state = f"[{style}]{row.state}[/]" if style else row.state

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from b23d.pipeline.errors import SelectionError
+from b23d.pipeline.planning.hinting import hint
 from b23d.pipeline.verbs.options import Json
 from b23d.pipeline.verbs.terminal import console
 
@@ -30,9 +30,8 @@ def params(
     chosen = {name: model for name, model in found.items() if stage in (None, name, short[name])}
     if not chosen:
         known = sorted(set(short.values()))
-        close = difflib.get_close_matches(str(stage), known, 1)
-        hint = f"did you mean {close[0]!r}?" if close else f"it takes {', '.join(known)}"
-        raise SelectionError(f"params: expected a stage or table of a run file, got {stage!r}; {hint}")
+        near = hint(str(stage), known, f"it takes {', '.join(known)}")
+        raise SelectionError(f"params: expected a stage or table of a run file, got {stage!r}; {near}")
     rows = {name: list(fields_of(model, name.partition(" ")[0])) for name, model in chosen.items()}
     if as_json:
         print(

@@ -61,7 +61,7 @@ def run(
     from b23d.pipeline.inspection.again import run_of, selected_in
     from b23d.pipeline.planning.selection import EVERYTHING, Selection
     from b23d.pipeline.run import Run
-    from b23d.pipeline.scheduling.progress import RunProgress
+    from b23d.pipeline.scheduling.progress import RunProgress, failed
 
     selection = Selection(tuple(shape), tuple(category), limit, tuple(stage), until, only_failed, force)
     if (run is None) == (again is None):
@@ -71,7 +71,7 @@ def run(
         selection = selected_in(again, store)
     console.quiet = quiet or as_json
     try:
-        with RunProgress(console, verbose=verbose) as progress:
+        with RunProgress(console, verbose=verbose, tracebacks=debug.on) as progress:
             report = loaded.execute(workers, scheduler, selection, progress.watch, progress.start)
         _tell(loaded, report)
     finally:
@@ -79,7 +79,9 @@ def run(
     if as_json:
         print(json.dumps(_as_json(loaded, report), indent=1))
     elif not report.ok:
-        _tell_failures(report)
+        console.print(f"[red]{failed(report)}[/]", highlight=False)
+        for failure in report.failures:
+            progress.fail(failure)
     if not report.ok:
         raise typer.Exit(1)
 
@@ -98,9 +100,9 @@ def _tell(loaded: Run, report: Report) -> None:
         there = f"of {loaded.name}, all that {asked} selects is there" if asked else f"{loaded.name} is complete"
         if report.selection.only_failed:
             there = f"{asked} selects nothing of {loaded.name}: no such shape failed before"
-        done = f"nothing to do: {there}" if report.ok else "nothing could be done"
-        reason = _no_targets(loaded, report) if report.ok else ""
-        console.print(reason or done, highlight=False, markup=False, soft_wrap=True)
+        if report.ok:
+            reason = _no_targets(loaded, report) or f"nothing to do: {there}"
+            console.print(reason, highlight=False, markup=False, soft_wrap=True)
     if report.plan is not None:
         for note in unannotated_notes(loaded, report.plan):
             console.print(f"[yellow]![/] {escape(note)}", highlight=False, soft_wrap=True)
@@ -143,13 +145,3 @@ def _as_json(loaded: Run, report: Report) -> dict[str, Any]:
         "seconds": round(report.seconds, 2),
         "store": loaded.store.url,
     }
-
-
-def _tell_failures(report: Report) -> None:
-    if report.failures or report.blocked:
-        counts = f"[red]{len(report.failures)} failed, {report.blocked} blocked behind them[/]"
-        console.print(f"{counts}; the rest is done. The next run retries only these:", highlight=False)
-        for failure in report.failures:
-            console.print(f"  [red]✗[/] {failure.stage}: {escape(failure.error)}", highlight=False, soft_wrap=True)
-            if debug.on and failure.traceback:
-                console.print(escape(failure.traceback), highlight=False)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from b23d.pipeline.dataset import Dataset, Leaf, Shape
+from b23d.pipeline.planning.hinting import hint
 from b23d.schemas.keypoints import Keypoints
 from b23d.schemas.shape import Source
 from b23d.schemas.wording import counted
@@ -168,15 +169,8 @@ def find_shape(shapes: list[Shape], name: str) -> Shape:
     found = next((shape for shape in shapes if shape.name == name), None)
     if found is not None:
         return found
-    near = [shape.name for shape in shapes if name in shape.name]
-    hint = (
-        f"did you mean {near[0]!r}?"
-        if near
-        else f"for example {shapes[0].name!r}"
-        if shapes
-        else "the data set has none"
-    )
-    raise KeyError(f"shape: expected one of the data set's, got {name!r}; {hint}")
+    near = hint(name, [shape.name for shape in shapes])
+    raise KeyError(f"shape: expected one of the data set's, got {name!r}; {near}")
 
 
 def writable_file(dataset: Dataset, category: str) -> Path:

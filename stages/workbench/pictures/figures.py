@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from b23d.pipeline.planning.hinting import hint
 from b23d.schemas.scores import ClassScores, ScoreTable
 from b23d.schemas.shape import NormalizedShape
 from b23d.stages.scoring.quoted import CURVES, THRESHOLDS, QuotedCurve
@@ -83,8 +84,8 @@ def plot_shape(run: Run, shape: str, draw: int | None = None) -> go.Figure:
 
     named = {item.name: item for item in run.shapes}
     if not isinstance(shape, str) or shape not in named:
-        close = next((name for name in named if str(shape) in name), run.shapes[0].name)
-        raise KeyError(f"shape: expected one of run {run.name}, got {shape!r}; did you mean {close!r}?")
+        near = hint(str(shape), list(named))
+        raise KeyError(f"shape: expected one of run {run.name}, got {shape!r}; {near}")
     entry = Gathering(run).entry(named[shape])
     if entry.normalized is None:
         raise ValueError(f"{shape}: expected a normalized shape, got none; run {run.name} first")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from b23d.pipeline.inspection.unannotated import unannotated_notes
 from b23d.pipeline.planning.plan import Plan
 from b23d.pipeline.records.warned import warnings
 from b23d.pipeline.run import Run
@@ -79,7 +80,7 @@ def render_page(
             examples=examples,
             classes=sorted({row["category"] for row in rows}),
             failures=failures,
-            warnings=warnings(run.folder, plan),
+            warnings=[*unannotated_notes(run, plan), *warnings(run.folder, plan)],
             columns=columns,
             costs=cost_lines(stage_costs),
             settings=fields,
@@ -144,8 +145,8 @@ def cards(
         note = "of class below .5: sort the shapes by it"
         found.append({"label": "unlike their class", "value": counted(strange, "shape"), "note": note})
     states = Counter(row["state"] for row in rows)
-    note = ", ".join(f"{states[state]} {state}" for state in ("failed", "waiting") if states[state]) or "all done"
-    found.append({"label": "shapes", "value": f"{len(rows):,}", "note": note})
+    told = [f"{states[state]} {state}" for state in ("failed", "waiting", "unpredicted") if states[state]]
+    found.append({"label": "shapes", "value": f"{len(rows):,}", "note": ", ".join(told) or "all done"})
     seconds, stored = sum(cost["seconds"] for cost in stage_costs), sum(cost["bytes"] for cost in stage_costs)
     found.append({"label": "computed in", "value": duration(seconds), "note": "all workers together"})
     size = f"{stored / 1e6:,.0f} MB" if stored < 1e10 else f"{stored / 1e9:,.1f} GB"

@@ -53,6 +53,8 @@ class ShapeResults:
     attempts: list[Attempt] = field(default_factory=list)
     waiting: bool = False
     """Something of this shape is still to be made."""
+    lack: str = ""
+    """Why nothing is predicted of its class, if so."""
     errors: list[str] = field(default_factory=list)
     """`<stage>: <error>` of what failed."""
 
@@ -79,6 +81,7 @@ class Gathering:
             self._draws[draw.category].append(draw.seed)
             for shot in draw.shots:
                 self._shots[shot.name].append(draw.seed)
+        self._lacks = {name: self.plan.no_shots(name) for name in {shape.category for shape in run.shapes}}
         self._waiting = {node.shape for node in self.plan.to_run()}
         self._errors: dict[str, list[str]] = defaultdict(list)
         for failure in failures(self.run, self.plan):
@@ -89,7 +92,12 @@ class Gathering:
 
     def entry(self, shape: Shape) -> ShapeResults:
         """Raises KeyError where the data set cannot give the shape's annotation."""
-        found = ShapeResults(shape, self._shots.get(shape.name, []), waiting=shape.name in self._waiting)
+        found = ShapeResults(
+            shape,
+            self._shots.get(shape.name, []),
+            waiting=shape.name in self._waiting,
+            lack=self._lacks[shape.category],
+        )
         found.errors = list(self._errors.get(shape.name, []))
         found.normalized = self._read("normalize", shape, None, NormalizedShape)
         found.orientation = self._read("orient", shape, None, Orientation)

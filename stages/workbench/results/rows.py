@@ -18,6 +18,13 @@ def row(found: ShapeResults) -> dict[str, Any]:
         "points": None if shape is None else len(shape.points),
         "shot": found.shot_of,
         "errors": found.errors,
-        "state": "failed" if found.errors else "waiting" if found.waiting else "done",
+        "state": _state(found),
+        "lack": found.lack,
         **{column.key: column.value(found) for column in COLUMNS},
     }
+
+
+def _state(found: ShapeResults) -> str:
+    if found.errors:
+        return "failed"
+    return "waiting" if found.waiting else "unpredicted" if found.lack else "done"

@@ -117,6 +117,7 @@
     box.append(image, words);
     if (row.errors.length) box.append(badge("failed", row.errors.join("\n")));
     else if (row.state === "waiting") box.append(badge("waiting", "not run yet"));
+    else if (row.state === "unpredicted") box.append(badge("unpredicted", row.lack));
     cell.append(box);
     return cell;
   }
