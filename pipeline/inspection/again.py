@@ -20,10 +20,19 @@ STORE = "runs/.store"
 
 def run_of(named: str, overrides: Sequence[str] = (), store: str | None = None) -> Run:
     """A run by its run file, or by the id of a record. Raises what `Run.load` raises, and HistoryError."""
-    if Path(named).is_file() or named.endswith(".toml"):
+    if _is_file(named):
         return Run.load(named, overrides, store)
     opened = Store(store or STORE)
     return again(find(opened, named), opened, overrides)
+
+
+def record_of(named: str, store: str | None = None) -> str:
+    """The whole id of a record; "" for a run file. Raises HistoryError."""
+    return "" if _is_file(named) else find(Store(store or STORE), named).id
+
+
+def _is_file(named: str) -> bool:
+    return Path(named).is_file() or named.endswith(".toml")
 
 
 def selected_in(named: str, store: str | None = None) -> Selection:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from b23d.pipeline.inspection.again import run_of
+from b23d.pipeline.inspection.again import record_of, run_of
 from b23d.pipeline.verbs.options import StoreUrl
 
 
@@ -22,11 +22,13 @@ def diff(
 ) -> None:
     """Parameters that differ, scores side by side, shapes that got better and worse, predictions that moved."""
     from b23d.stages.workbench.results.differences import moved_table, parameter_table, score_table, shape_table
+    from b23d.stages.workbench.results.headings import headings
 
     console = Console()
     console = console if console.is_terminal else Console(width=120)
     one, two = run_of(run1, set1, store), run_of(run2, set2, store)
-    console.print(parameter_table(one, two))
-    console.print(score_table(one, two))
-    for table in (shape_table(one, two, most), moved_table(one, two, most)):
+    heads = headings(one, two, (record_of(run1, store), record_of(run2, store)))
+    console.print(parameter_table(one, two, heads))
+    console.print(score_table(one, two, heads))
+    for table in (shape_table(one, two, heads, most), moved_table(one, two, heads, most)):
         console.print(table)

@@ -16,6 +16,9 @@ from b23d.schemas.predictions import Prediction
 from b23d.schemas.scores import ShapeScore
 from b23d.stages.workbench.results.scores import run_scores, spread
 
+Heads = tuple[str, str]
+"""What the two runs are called, perhaps over several lines (see `headings`)."""
+
 
 def parameters(run: Run) -> dict[str, Any]:
     """Every parameter of a run that enters an address or chooses shots, by its dotted name."""
@@ -29,8 +32,8 @@ def parameters(run: Run) -> dict[str, Any]:
     return found | {f"feeds.{key}": value for key, value in run.config.file.feeds.items()}
 
 
-def parameter_table(one: Run, two: Run) -> Table:
-    table = Table("parameter", one.name, two.name, title="parameters that differ", title_justify="left")
+def parameter_table(one: Run, two: Run, heads: Heads) -> Table:
+    table = Table("parameter", *map(escape, heads), title="parameters that differ", title_justify="left")
     first, second = parameters(one), parameters(two)
     for name in sorted(first.keys() | second.keys()):
         if first.get(name) != second.get(name):
@@ -38,9 +41,9 @@ def parameter_table(one: Run, two: Run) -> Table:
     return table
 
 
-def score_table(one: Run, two: Run) -> Table:
+def score_table(one: Run, two: Run, heads: Heads) -> Table:
     """IoU and AUC per class of both, mean ± sd over draws, and the change."""
-    table = Table("class", "figure", one.name, two.name, "change", title="scores", title_justify="left")
+    table = Table("class", "figure", *map(escape, heads), "change", title="scores", title_justify="left")
     first, second = run_scores(one), run_scores(two)
     for name in [*(name for name in first.classes if name in second.classes), "mean"]:
         a, b = (scores.mean if name == "mean" else scores.classes[name] for scores in (first, second))
@@ -70,11 +73,11 @@ def shape_scores(run: Run) -> dict[str, float]:
     return {name: float(np.mean(values)) for name, values in found.items()}
 
 
-def shape_table(one: Run, two: Run, most: int) -> Table:
+def shape_table(one: Run, two: Run, heads: Heads, most: int) -> Table:
     first, second = shape_scores(one), shape_scores(two)
     change = sorted((second[name] - first[name], name) for name in first.keys() & second.keys())
     table = Table(
-        "shape", one.name, two.name, "change", title="shapes that changed most (mean IoU)", title_justify="left"
+        "shape", *map(escape, heads), "change", title="shapes that changed most (mean IoU)", title_justify="left"
     )
     worse = [row for row in change if row[0] < 0][:most]
     better = [row for row in change if row[0] > 0][-most:]
@@ -86,7 +89,7 @@ def shape_table(one: Run, two: Run, most: int) -> Table:
     return table
 
 
-def moved_table(one: Run, two: Run, most: int) -> Table:
+def moved_table(one: Run, two: Run, heads: Heads, most: int) -> Table:
     """Predictions of equal draw and id that moved farthest; Euclidean, unit frame."""
     first, second = _places(one), _places(two)
     moved = sorted(
@@ -97,7 +100,7 @@ def moved_table(one: Run, two: Run, most: int) -> Table:
         table.add_row(escape(shape), str(draw), str(keypoint), f"{distance:.3f}")
     still = sum(distance < 1e-6 for distance, _ in moved)
     gone, new = len(first.keys() - second.keys()), len(second.keys() - first.keys())
-    table.caption = f"{len(moved) - still} moved, {still} stayed, {gone} only in {one.name}, {new} only in {two.name}"
+    table.caption = f"{len(moved) - still} moved, {still} stayed, {gone} only in the first, {new} only in the second"
     return table
 
 
