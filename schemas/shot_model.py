@@ -96,7 +96,7 @@ class ShotModel(Artifact):
     basis: Annotated[np.ndarray, ArraySpec("channel component", "float32")]
     """Principal directions of the shots' features."""
     mean: Annotated[np.ndarray, ArraySpec("descriptor", "float32")]
-    """Of the descriptor over all points of all shots that have keypoints."""
+    """Of the descriptor over the points of all shots that have keypoints; of over 20,480, over so many of them."""
     scale: Annotated[np.ndarray, ArraySpec("descriptor", "float32")]
     covariance: Annotated[np.ndarray, ArraySpec("descriptor descriptor", "float64")]
     """Of the standardised descriptors over the same points, moved towards that of keypoints' own from shot to shot;

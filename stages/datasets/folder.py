@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 from collections.abc import Collection
 from fnmatch import fnmatch
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Any, Literal
 
 from pydantic import Field
@@ -235,8 +235,7 @@ class Folder(WithDamage, WithExternals):
             expected = f"{model}: expected class_id among {', '.join(having)}, which all have such a shape, got {got}"
             return key, f"{expected}; say it in {path}"
         expected = f"{'/'.join(key)}: expected a mesh or cloud {model}.* below {self.root}, got none"
-        meant = model.rsplit("/", 1)[-1].rsplit("\\", 1)[-1]
-        meant = meant if meant in categories else meant.rsplit(".", 1)[0]
-        if meant in categories:
+        said = PureWindowsPath(model)  # which knows both slashes
+        if meant := next((name for name in (said.name, said.stem) if name in categories), None):
             return key, f'{expected}; model_id "{meant}" in {path} names it by its file, without folder and suffix'
         return key, f"{expected}; add it, or drop its entry from {path}"

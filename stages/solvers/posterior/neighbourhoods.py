@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from b23d.stages.solvers.posterior.geometry import Prepared, squared
+from b23d.stages.solvers.posterior.registering import LEAST
 from b23d.stages.solvers.posterior.weighing import Weighed
 
 REACH = 0.15  # how far a shot's neighbourhood goes, in longest box sides
@@ -21,7 +22,7 @@ LOOKS = 12.0  # nats that two points cost whose looks have nothing in common
 FIRST_SD, LAST_SD = 0.06, 0.02  # of matched points' distance, in longest box sides, from round to round
 ROUNDS = 5
 SD = 0.03  # by which a keypoint lies off where a shot's neighbourhood comes to lie, in longest box sides
-NEAREST, LEAST = 5, 0.05  # shots that are asked at most; none less near than this share of the nearest
+NEAREST = 5  # shots that are asked at most
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ ROUNDS = 6
 STIFF = 1.0  # how stiff the deformation is beside one match
 SMOOTH = 0.35  # how far it reaches, in longest box sides
 LEFT = 0.7  # of the variance of places, where shots agree
-LEAST = 0.05  # shots that are less near to the target than this share of the nearest are not laid over it
+LEAST = 0.05  # shots that are less near to the target than this share of the nearest do not count for it
 
 
 @dataclass(frozen=True)
